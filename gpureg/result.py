@@ -1,0 +1,67 @@
+"""What a run gives back: :class:`Result`, and :class:`Stop`, why it ended."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+class Stop(enum.Enum):
+    """Why an iteration ended; each member's value is the sentence to show."""
+
+    MAX_ITER = "All the iterations asked for were done."
+    TOLERANCE = "The largest change in one iteration fell to the tolerance."
+    CALLBACK = "The callback asked to stop."
+    INTERRUPTED = "The run was interrupted; the value is the last whole iterate."
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Outcome of a regularization.
+
+    Attributes
+    ----------
+    value : ndarray
+        The regularized function, in the shape of the data.
+    iterations : int
+        Whole iterations done.
+    stop : Stop
+        Why it ended; ``str(result.stop)`` is a sentence.
+    energy : (c,) float array
+        The eps-smoothed energy (eq. 19, 20 with eq. 15) at the start and at each check.
+    checks : (c,) int array
+        The iterations at which `energy` was taken.
+    gap : float or None
+        Bound on how far the energy is above its minimum; None unless the solver certifies it.
+    eps : float
+        The smoothing of the gradient norm that was used (eq. 15), in the data's units.
+    backend : str
+        The device that ran, as the name that would force it, with its description.
+    seconds : float
+        Wall-clock time of the run, weights and transfers included.
+    """
+
+    value: npt.NDArray[Any]
+    iterations: int
+    stop: Stop
+    energy: npt.NDArray[np.float64]
+    checks: npt.NDArray[np.int64]
+    gap: float | None
+    eps: float
+    backend: str
+    seconds: float
+
+
+class Interrupted(KeyboardInterrupt):
+    """A KeyboardInterrupt during a run; ``result`` holds the last whole iterate."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(str(Stop.INTERRUPTED))
+        self.result = result
