@@ -1,0 +1,256 @@
+"""The protocol: what a device must be able to do, and what it may do faster by overriding.
+
+Functions on vertices are device arrays that only the backend reads; ``put`` and ``get`` carry them over the border as
+host arrays of shape (n, channels). How a device lays out functions and weights is its own affair. The equations of the
+primitives are in ``kernels/README.md``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graph import FloatArray, Graph, GridGraph, IntArray
+
+Array = Any
+"""A function on the vertices, on a device: opaque to all but the backend that made it."""
+
+AnyGraph = Graph | GridGraph
+
+
+class BackendUnavailable(RuntimeError):
+    """A backend that was named is not installed, or the device has not what the job needs."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """One device of one backend, as ``gpureg backends`` lists it.
+
+    Attributes
+    ----------
+    backend : str
+        "numpy", "opencl" or "warp".
+    id : str
+        The name that forces it, e.g. "opencl:1" or "warp:cuda:0".
+    name, driver : str
+        The device, and the driver with its version.
+    kind : {"cpu", "gpu"}
+    memory : int
+        Bytes.
+    vector_width : int
+        float32 values a kernel treats at a time.
+    float64 : bool
+        Whether the device computes in float64.
+    rank : tuple
+        What "auto" sorts by, best first: the tier of the dispatcher, then what the backend knows of its drivers.
+    handle : object
+        The backend's own.
+    """
+
+    backend: str
+    id: str
+    name: str
+    driver: str
+    kind: str
+    memory: int
+    vector_width: int
+    float64: bool
+    rank: tuple[float, ...]
+    handle: Any = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchForm:
+    """Weights of the form s(u, v) exp(-max(rho(u, v) - shift, 0) scale), rho the distance of two patches (section 5.2).
+
+    Attributes
+    ----------
+    profile : (2 r + 1,) float array
+        The patch's weights along one axis; their outer product is g. Ones give the flat patch.
+    shift : float
+        Taken off the distance.
+    scale : float or None
+        1/h^2; None leaves the distance itself.
+    spatial : float array or None
+        s: one per forward offset of a grid, (K/2,), or one per directed edge, (n_edges,).
+    """
+
+    profile: FloatArray
+    shift: float = 0.0
+    scale: float | None = None
+    spatial: FloatArray | None = None
+
+    @property
+    def radius(self) -> int:
+        """The patch's radius r, in cells."""
+        return len(self.profile) // 2
+
+    def window(self, ndim: int) -> FloatArray:
+        """The patch's weights g, (2 r + 1,) * ndim."""
+        g = np.ones(())
+        for _ in range(ndim):
+            g = np.multiply.outer(g, self.profile)
+        return g
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """A graph with its weights on a device.
+
+    Attributes
+    ----------
+    graph : Graph or GridGraph
+    topology : object
+        What the device keeps of the graph.
+    weights : object or None
+        The weights, in the device's own layout; None means 1 on every edge.
+    """
+
+    graph: AnyGraph
+    topology: Any
+    weights: Any
+
+
+def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[FloatArray, IntArray]:
+    """`f`, (n, m), padded by a patch's radius as (m, *padded shape), and where each vertex sits in a padded channel.
+
+    Patches that reach over the border of the grid are filled by reflection without the edge cell.
+    """
+    grid = graph if isinstance(graph, GridGraph) else graph.grid
+    n, m = f.shape
+    if grid is None:
+        if radius:
+            raise ValueError("patches of radius > 0 need vertices on a grid; this graph has none")
+        return np.ascontiguousarray(f.T), np.arange(n)
+    cells = np.moveaxis(f.reshape(*grid.shape, m), -1, 0)
+    padded = np.pad(cells, [(0, 0)] + [(radius, radius)] * grid.ndim, mode="reflect")
+    inner = tuple(slice(radius, radius + s) for s in grid.shape)
+    sites = np.arange(padded[0].size).reshape(padded[0].shape)[inner].ravel()
+    return padded, sites
+
+
+class Backend(ABC):
+    """One device computing in one floating-point type.
+
+    Parameters
+    ----------
+    device : Device
+    dtype : dtype
+        float32 or float64.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
+        self.device = device
+        self.dtype = np.dtype(dtype)
+
+    def __repr__(self) -> str:
+        return f"{self.device.id} ({self.device.name}, {self.device.driver}), {self.dtype}"
+
+    # Data
+
+    @abstractmethod
+    def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
+        """A host function (n, channels) onto the device, rounded to the backend's dtype."""
+
+    @abstractmethod
+    def get(self, graph: AnyGraph, x: Array) -> FloatArray:
+        """A device function as a host array (n, channels)."""
+
+    @abstractmethod
+    def empty(self, graph: AnyGraph, channels: int) -> Array:
+        """A device function to be written."""
+
+    @abstractmethod
+    def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
+        """The graph onto the device, with weights from the host.
+
+        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means 1 on every edge
+        inside the graph's mask.
+        """
+
+    @abstractmethod
+    def get_weights(self, weighted: Weighted) -> FloatArray | None:
+        """The weights as :meth:`prepare` takes them."""
+
+    # Primitives: kernels/README.md is their contract
+
+    @abstractmethod
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
+        """The graph with weights computed from patches of `f`, a host function (n, m)."""
+
+    @abstractmethod
+    def degree(self, weighted: Weighted) -> Array:
+        """Sum of the weights around each vertex, 1 channel."""
+
+    @abstractmethod
+    def gradient_norm(
+        self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
+    ) -> Array:
+        """(|grad f|^2 + eps^2)^power: 1 channel if coupled, otherwise one per channel of f."""
+
+    @abstractmethod
+    def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
+        """The p-Laplacian of f, given the conductances g = |grad f|^(p - 2); None for p = 2."""
+
+    @abstractmethod
+    def jacobi_step(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        g: Array | None,
+        lam: float | Array,
+        *,
+        theta: float = 1.0,
+        out: Array | None = None,
+    ) -> Array:
+        """One sweep of the Gauss-Jacobi process, given the conductances g; `out` is not f."""
+
+    @abstractmethod
+    def energy(
+        self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, *, p: float, eps: float, coupled: bool
+    ) -> float:
+        """The eps-smoothed energy."""
+
+    @abstractmethod
+    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
+        """Largest absolute difference; infinity if there is a NaN."""
+
+    # Steps made of several primitives: a backend with a fused kernel overrides them
+
+    def sweep(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        theta: float,
+        g: Array | None,
+        out: Array,
+    ) -> Array:
+        """Conductances, then one Jacobi step, from `f` to `out`; `g` is scratch of as many channels, None for p = 2."""
+        if p != 2:
+            g = self.gradient_norm(weighted, f, power=(p - 2) / 2, eps=eps, coupled=coupled, out=g)
+        return self.jacobi_step(weighted, f, f0, g, lam, theta=theta, out=out)
+
+    def finish(self) -> None:  # noqa: B027
+        """Wait until all that was asked for is done."""
+
+
+def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:
+    """Weights with the graph's own put in the place of None; None is left where every edge has weight 1."""
+    if weights is not None:
+        return weights
+    if isinstance(graph, GridGraph):
+        return None if graph.mask is None else graph.unit_half_weights()
+    return graph.weights

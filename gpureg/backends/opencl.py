@@ -1,0 +1,486 @@
+"""OpenCL: any GPU with a driver, or a CPU through PoCL; the kernels are in ``kernels/opencl``.
+
+Programs are built once per device, primitive and set of build options, and kept; pyopencl keeps the binaries on disk.
+Functions and weights are laid out as ``grid.cl`` and ``csr.cl`` say.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import threading
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyopencl as cl
+
+from .. import kernels
+from ..graph import FloatArray, Graph, GridGraph
+from .base import (
+    AnyGraph,
+    Array,
+    Backend,
+    BackendUnavailable,
+    Device,
+    PatchForm,
+    Weighted,
+    host_weights,
+    padded_for_patches,
+)
+
+GPU_TIER, CPU_TIER = 1, 2
+
+# Segments of a long sum: enough to fill a GPU, few enough for the host to add.
+_SEGMENTS = 4096
+
+
+def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
+    match = re.search(r"PoCL (\d+)\.(\d+)", device.platform.version)
+    return (int(match[1]), int(match[2])) if match else None
+
+
+def vector_width(device: cl.Device) -> int:
+    """float32 values a grid kernel treats at a time: 1 on a GPU, the native vector on a CPU.
+
+    PoCL 3.0 (LLVM 14) reports 16 and then dies on float16 code, so it gets 8.
+    """
+    if device.type & cl.device_type.GPU:
+        return 1
+    native = int(device.native_vector_width_float) or 1
+    width = max(w for w in (1, 2, 4, 8, 16) if w <= native)
+    pocl = _pocl_version(device)
+    return min(width, 8) if pocl is not None and pocl < (3, 1) else width
+
+
+def devices() -> list[Device]:
+    """All OpenCL devices, GPUs first; among CPUs the newest driver first."""
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error:  # no driver at all
+        return []
+    found = []
+    for platform in platforms:
+        try:
+            members = platform.get_devices()
+        except cl.Error:  # a driver without a device
+            continue
+        for device in members:
+            found.append(device)
+    described = []
+    for i, device in enumerate(found):
+        gpu = bool(device.type & cl.device_type.GPU)
+        version = [float(number) for number in re.findall(r"\d+", device.driver_version)[:2]] + [0.0, 0.0]
+        memory = int(device.global_mem_size)
+        described.append(
+            Device(
+                backend="opencl",
+                id=f"opencl:{i}",
+                name=device.name.strip(),
+                driver=f"{device.platform.name} {device.driver_version}",
+                kind="gpu" if gpu else "cpu",
+                memory=memory,
+                vector_width=vector_width(device),
+                float64=bool(device.double_fp_config),
+                # the larger GPU first, then the newer driver
+                rank=(GPU_TIER if gpu else CPU_TIER, -memory if gpu else 0, -version[0], -version[1], i),
+                handle=device,
+            )
+        )
+    return described
+
+
+@dataclass(frozen=True)
+class _Queue:
+    """What all work on one device shares: context, queue, and the kernels built so far."""
+
+    context: cl.Context
+    queue: cl.CommandQueue
+    kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
+    lock: threading.RLock  # a kernel object holds its arguments: one caller at a time
+
+
+@functools.cache
+def _queue(device: cl.Device) -> _Queue:
+    context = cl.Context([device])
+    return _Queue(context, cl.CommandQueue(context), {}, threading.RLock())
+
+
+def _round_up(value: int, multiple: int) -> int:
+    return -(-value // multiple) * multiple
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    buffer: cl.Buffer
+    channels: int
+
+
+class _Csr:
+    """A stored graph on the device."""
+
+    kind = "csr"
+
+    def __init__(self, backend: OpenCLBackend, graph: Graph) -> None:
+        self.n = graph.n_vertices
+        self.width = 1
+        wide = graph.indices.dtype == np.int64
+        self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
+        self.indptr = backend.upload(graph.indptr)
+        self.indices = backend.upload(graph.indices)
+        self.segment = max(1, -(-self.n // _SEGMENTS))
+        self.segments = (-(-self.n // self.segment),)
+        self.global_size: tuple[int, ...] = (self.n,)
+
+    def size(self, channels: int) -> int:
+        return self.n * channels
+
+    def pack(self, f: FloatArray) -> FloatArray:
+        return f
+
+    def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
+        return flat.reshape(self.n, channels)
+
+    def weight_size(self, graph: Graph) -> int:
+        return graph.n_edges
+
+    def pack_weights(self, weights: FloatArray) -> FloatArray:
+        return weights
+
+    def unpack_weights(self, flat: FloatArray) -> FloatArray:
+        return flat
+
+    def args(self, weights: cl.Buffer) -> list[Any]:
+        return [np.int64(self.n), self.indptr, self.indices, weights]
+
+
+class _Grid:
+    """An implicit grid on the device: the layout that ``grid.cl`` describes."""
+
+    kind = "grid"
+
+    def __init__(self, backend: OpenCLBackend, graph: GridGraph) -> None:
+        N = backend.lanes
+        self.graph, self.options = graph, ("-DGRID", f"-DNDIM={graph.ndim}")
+        self.W = graph.shape[-1]
+        self.rows = math.prod(graph.shape[:-1])
+        self.H = graph.half_window
+        offsets = graph.offsets
+        strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
+        row_jumps = offsets[:, :-1] @ np.array(strides, np.int64)
+        self.reach = int(np.abs(offsets[:, -1]).max(initial=0))
+        self.pitch = _round_up(self.W, N)
+        self.guard = _round_up(int(np.abs(row_jumps).max(initial=0)) * self.pitch + self.reach + N, N)
+        self.plane = 2 * self.guard + self.rows * self.pitch
+        self.weight_pitch = _round_up(self.pitch + self.reach, N)
+        self.weight_guard = _round_up(self.reach, N)
+        self.width = N
+        self.shape_buffer = backend.upload(np.array(graph.shape, np.int32))
+        self.offsets = backend.upload(offsets.astype(np.int32))
+        self.row_jumps = backend.upload(row_jumps.astype(np.int32))
+        packs = -(-self.W // N)
+        per_row = min(packs, max(1, -(-_SEGMENTS // self.rows)))
+        self.segment = -(-packs // per_row)
+        self.segments = (-(-packs // self.segment), self.rows)
+        self.global_size = (packs, self.rows)
+
+    def size(self, channels: int) -> int:
+        return self.plane * channels
+
+    def _rows(self, flat: FloatArray, channels: int) -> FloatArray:
+        inner = flat.reshape(channels, self.plane)[:, self.guard : self.guard + self.rows * self.pitch]
+        return inner.reshape(channels, self.rows, self.pitch)[:, :, : self.W]
+
+    def pack(self, f: FloatArray) -> FloatArray:
+        channels = f.shape[1]
+        flat = np.zeros(self.size(channels), f.dtype)
+        self._rows(flat, channels)[...] = f.reshape(self.rows, self.W, channels).transpose(2, 0, 1)
+        return flat
+
+    def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
+        return np.ascontiguousarray(self._rows(flat, channels).transpose(1, 2, 0)).reshape(-1, channels)
+
+    def weight_size(self, graph: GridGraph) -> int:
+        return self.weight_guard + self.rows * self.H * self.weight_pitch + self.weight_guard
+
+    def _weight_rows(self, flat: FloatArray) -> FloatArray:
+        end = self.weight_guard + self.rows * self.H * self.weight_pitch
+        return flat[self.weight_guard : end].reshape(self.rows, self.H, self.weight_pitch)[:, :, : self.W]
+
+    def pack_weights(self, weights: FloatArray) -> FloatArray:
+        flat = np.zeros(self.weight_size(self.graph), weights.dtype)
+        self._weight_rows(flat)[...] = weights.reshape(self.H, self.rows, self.W).transpose(1, 0, 2)
+        return flat
+
+    def unpack_weights(self, flat: FloatArray) -> FloatArray:
+        half = self._weight_rows(flat).transpose(1, 0, 2)
+        return np.ascontiguousarray(half).reshape(self.H, *self.graph.shape)
+
+    def args(self, weights: cl.Buffer) -> list[Any]:
+        return [
+            np.int32(self.W),
+            np.int32(self.rows),
+            np.int64(self.pitch),
+            np.int64(self.plane),
+            np.int64(self.guard),
+            np.int32(self.H),
+            self.shape_buffer,
+            self.offsets,
+            self.row_jumps,
+            np.int64(self.weight_pitch),
+            np.int64(self.weight_guard),
+            weights,
+        ]
+
+
+class OpenCLBackend(Backend):
+    """The primitives as OpenCL C kernels."""
+
+    name = "opencl"
+
+    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
+        super().__init__(device, dtype)
+        self._shared = _queue(device.handle)
+        double = self.dtype == np.float64
+        self.lanes = max(1, device.vector_width // 2) if double else device.vector_width
+        self._real = self.dtype.type
+        self._sum_type = np.dtype(np.float64 if device.float64 else np.float32)
+        self._options: tuple[str, ...] = ()
+        if double:
+            self._options += ("-DDOUBLE",)
+        if device.float64:
+            self._options += ("-DSUM_DOUBLE",)
+        self._topologies: weakref.WeakKeyDictionary[AnyGraph, _Csr | _Grid] = weakref.WeakKeyDictionary()
+        self._nothing = self.upload(np.zeros(1, self.dtype))
+
+    # Buffers
+
+    def _allocate(self, nbytes: int) -> cl.Buffer:
+        limit = int(self.device.handle.max_mem_alloc_size)
+        if nbytes > limit:
+            raise MemoryError(
+                f"the job needs one buffer of {nbytes / 2**30:.2f} GiB, {self.device.id} gives {limit / 2**30:.2f} GiB "
+                "at most: use a smaller window, or another backend"
+            )
+        return cl.Buffer(self._shared.context, cl.mem_flags.READ_WRITE, max(nbytes, self.dtype.itemsize))
+
+    def upload(self, host: npt.NDArray[Any]) -> cl.Buffer:
+        """A host array as a device buffer."""
+        host = np.ascontiguousarray(host)
+        buffer = self._allocate(host.nbytes)
+        if host.nbytes:
+            cl.enqueue_copy(self._shared.queue, buffer, host, is_blocking=True)
+        return buffer
+
+    def _zeros(self, size: int) -> cl.Buffer:
+        buffer = self._allocate(size * self.dtype.itemsize)
+        cl.enqueue_fill_buffer(self._shared.queue, buffer, self._real(0), 0, max(size, 1) * self.dtype.itemsize)
+        return buffer
+
+    def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+        host = np.empty(size, dtype)
+        if size:
+            cl.enqueue_copy(self._shared.queue, host, buffer, is_blocking=True)
+        return host
+
+    def _topology(self, graph: AnyGraph) -> _Csr | _Grid:
+        found = self._topologies.get(graph)
+        if found is None:
+            found = _Grid(self, graph) if isinstance(graph, GridGraph) else _Csr(self, graph)
+            self._topologies[graph] = found
+        return found
+
+    def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
+        host = self._topology(graph).pack(np.asarray(f, self.dtype))
+        return _Function(self.upload(host), f.shape[1])
+
+    def get(self, graph: AnyGraph, x: Array) -> FloatArray:
+        topology = self._topology(graph)
+        return topology.unpack(self._download(x.buffer, topology.size(x.channels), self.dtype), x.channels)
+
+    def empty(self, graph: AnyGraph, channels: int) -> Array:
+        return _Function(self._zeros(self._topology(graph).size(channels)), channels)
+
+    def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
+        topology = self._topology(graph)
+        weights = host_weights(graph, weights)
+        if weights is not None:
+            weights = self.upload(topology.pack_weights(np.asarray(weights, self.dtype)))
+        return Weighted(graph, topology, weights)
+
+    def get_weights(self, weighted: Weighted) -> FloatArray | None:
+        if weighted.weights is None:
+            return None
+        topology = weighted.topology
+        size = topology.weight_size(weighted.graph)
+        return topology.unpack_weights(self._download(weighted.weights, size, self.dtype))
+
+    # Kernels
+
+    def _kernel(self, primitive: str, options: tuple[str, ...]) -> cl.Kernel:
+        key = (primitive, self._options + options)
+        found = self._shared.kernels.get(key)
+        if found is None:
+            source = kernels.opencl_source(primitive)
+            program = cl.Program(self._shared.context, source).build(options=list(key[1]))
+            found = self._shared.kernels[key] = cl.Kernel(program, primitive)
+        return found
+
+    def _run(
+        self,
+        primitive: str,
+        weighted: Weighted,
+        args: list[Any],
+        options: tuple[str, ...] = (),
+        global_size: tuple[int, ...] | None = None,
+    ) -> None:
+        topology = weighted.topology
+        options = (*topology.options, f"-DN={topology.width}", *options)
+        if weighted.weights is not None:
+            options += ("-DWEIGHTED",)
+        size = topology.global_size if global_size is None else global_size
+        local = None
+        if self.device.kind == "gpu":
+            # A driver left to choose takes groups of 1 where a size is prime.
+            local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
+            size = (_round_up(size[0], local[0]), *size[1:])
+        weights = self._nothing if weighted.weights is None else weighted.weights
+        with self._shared.lock:
+            kernel = self._kernel(primitive, options)
+            kernel(self._shared.queue, size, local, *topology.args(weights), *args)
+
+    def _lam(self, lam: float | Array) -> tuple[list[Any], tuple[str, ...]]:
+        if isinstance(lam, _Function):
+            return [lam.buffer, self._real(0)], ("-DLAM_ARRAY",)
+        return [self._nothing, self._real(lam)], ()
+
+    def _g(self, g: Array | None) -> tuple[cl.Buffer, tuple[str, ...]]:
+        if g is None:
+            return self._nothing, ()
+        return g.buffer, ("-DCONDUCTANCES", f"-DG={g.channels}")
+
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
+        topology = self._topology(graph)
+        padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
+        channels, shape = padded.shape[0], padded.shape[1:]
+        window = form.window(len(shape))
+        jumps = np.ravel_multi_index(np.indices(window.shape).reshape(len(shape), -1), shape).astype(np.int64)
+        jumps -= jumps[len(jumps) // 2]
+        # Packs at the border read a little past either end; the lanes concerned are not used.
+        margin = topology.reach + topology.width if isinstance(topology, _Grid) else 0
+        flat = np.zeros((channels, padded[0].size + 2 * margin), self.dtype)
+        flat[:, margin : margin + padded[0].size] = padded.reshape(channels, -1)
+        options: tuple[str, ...] = (f"-DM={channels}",)
+        scale = 0.0 if form.scale is None else form.scale
+        if form.scale is not None:
+            options += ("-DSIMILARITY",)
+        args: list[Any] = [
+            self.upload(flat),
+            np.int64(flat.shape[1]),
+            np.int32(len(jumps)),
+            self.upload(jumps),
+            self.upload(window.ravel().astype(self.dtype)),
+            self._real(form.shift),
+            self._real(scale),
+        ]
+        weights = self._zeros(topology.weight_size(graph))
+        target = Weighted(graph, topology, None)
+        if isinstance(topology, _Grid):
+            assert isinstance(graph, GridGraph)
+            if not topology.H:
+                return Weighted(graph, topology, weights)
+            rows = margin + sites.reshape(topology.rows, topology.W)[:, 0].astype(np.int64)
+            spatial = np.ones(topology.H) if form.spatial is None else form.spatial
+            args += [self.upload(rows), self.upload(spatial.astype(self.dtype)), self._nothing, weights]
+            if graph.mask is not None:
+                args[-2] = self.put(graph, graph.mask.reshape(-1, 1).astype(self.dtype)).buffer
+                options += ("-DMASKED",)
+            packs, n_rows = topology.global_size
+            self._run("patch_distance", target, args, options, (packs, topology.H, n_rows))
+        else:
+            spatial_buffer = self._nothing
+            if form.spatial is not None:
+                spatial_buffer = self.upload(form.spatial.astype(self.dtype))
+                options += ("-DSPATIAL",)
+            self._run("patch_distance", target, [*args, self.upload(sites), spatial_buffer, weights], options)
+        return Weighted(graph, topology, weights)
+
+    def degree(self, weighted: Weighted) -> Array:
+        out = self.empty(weighted.graph, 1)
+        self._run("degree", weighted, [out.buffer])
+        return out
+
+    def gradient_norm(
+        self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
+    ) -> Array:
+        G = 1 if coupled else f.channels
+        out = self.empty(weighted.graph, G) if out is None else out
+        args = [f.buffer, self._real(eps) ** 2, self._real(power), out.buffer]
+        self._run("gradient_norm", weighted, args, (f"-DM={f.channels}", f"-DG={G}"))
+        return out
+
+    def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
+        out = self.empty(weighted.graph, f.channels) if out is None else out
+        g_buffer, options = self._g(g)
+        self._run("p_laplacian", weighted, [f.buffer, g_buffer, out.buffer], (f"-DM={f.channels}", *options))
+        return out
+
+    def jacobi_step(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        g: Array | None,
+        lam: float | Array,
+        *,
+        theta: float = 1.0,
+        out: Array | None = None,
+    ) -> Array:
+        out = self.empty(weighted.graph, f.channels) if out is None else out
+        g_buffer, g_options = self._g(g)
+        lams, lam_options = self._lam(lam)
+        args = [f.buffer, f0.buffer, g_buffer, *lams, self._real(theta), out.buffer]
+        self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
+        return out
+
+    def _partial(self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any) -> Any:
+        topology = weighted.topology
+        count = math.prod(topology.segments)
+        out = self._allocate(count * np.dtype(dtype).itemsize)
+        # The size is exact here: its first axis also numbers the segments, and few work items do long work.
+        with self._shared.lock:
+            kernel_options = (*topology.options, f"-DN={topology.width}", *options)
+            if weighted.weights is not None:
+                kernel_options += ("-DWEIGHTED",)
+            weights = self._nothing if weighted.weights is None else weighted.weights
+            kernel = self._kernel(primitive, kernel_options)
+            arguments = [*topology.args(weights), np.int64(topology.segment), *args, out]
+            kernel(self._shared.queue, topology.segments, None, *arguments)
+        return self._download(out, count, dtype)
+
+    def energy(
+        self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, *, p: float, eps: float, coupled: bool
+    ) -> float:
+        G = 1 if coupled else f.channels
+        lams, lam_options = self._lam(lam)
+        args = [f.buffer, f0.buffer, *lams, self._real(p), self._real(eps) ** 2]
+        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options)
+        return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
+
+    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
+        args = [a.buffer, b.buffer]
+        bare = Weighted(weighted.graph, weighted.topology, None)
+        return float(self._partial("max_change", bare, args, (f"-DM={a.channels}",), self.dtype).max(initial=0))
+
+    def finish(self) -> None:
+        self._shared.queue.finish()
+
+
+def make(device: Device, dtype: npt.DTypeLike) -> Backend:
+    """The backend on this device."""
+    if np.dtype(dtype) == np.float64 and not device.float64:
+        raise BackendUnavailable(f"{device.id} ({device.name}) does not compute in float64; use dtype float32")
+    return OpenCLBackend(device, dtype)

@@ -1,0 +1,23 @@
+/* degree(u) = sum_v w(u, v)                                                                     (section 2.1)
+ *
+ * One work item: one vertex (CSR) or a pack of N (grid).
+ * Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
+ */
+#ifdef GRID
+#include "grid.cl"
+#else
+#include "csr.cl"
+#endif
+
+__kernel void degree(
+    GRAPH_ARGS,
+    /* output */
+    __global real *out) /* 1 channel */
+{
+    VERTEX
+    realN sum = 0;
+    NEIGHBOURS
+        sum += w;
+    END
+    STORE(out, AT(u, 0, 1), USED(sum));
+}

@@ -1,0 +1,92 @@
+/* A pack's neighbours on an implicit grid of NDIM axes: N vertices next to each other on a row, a row being a line of
+ * cells along the last axis. Gives the primitives the same names as csr.cl (which explains them), so that each is
+ * written once.
+ *
+ * Layout. Functions are planar: channel c of row r begins at c * plane + guard + r * pitch. Rows are padded to a
+ * multiple of N; lanes past the end of a row hold no vertex, compute along, and are 0 in every function that is read.
+ * `guard` cells before and after all rows keep the reads of border packs inside the buffer.
+ * Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one
+ * sweep streams through them: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. A plane's
+ * tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads 0.
+ */
+#ifndef GRID_CL
+#define GRID_CL
+#include "reals.cl"
+
+#ifndef NDIM
+#define NDIM 2
+#endif
+
+#define GRAPH_ARGS                                                                                                   \
+    const int width,                     /* cells in a row */                                                        \
+    const int n_rows,                                                                                                \
+    const long pitch,                                                                                                \
+    const long plane,                                                                                                \
+    const long guard,                                                                                                \
+    const int H,                         /* forward offsets, half the window */                                      \
+    __global const int *shape,           /* (NDIM,) */                                                               \
+    __global const int *offsets,         /* (2 H, NDIM), lexicographic; the opposite of k is 2 H - 1 - k */          \
+    __global const int *row_jumps,       /* (2 H,): rows from a vertex to its neighbour */                           \
+    const long weight_pitch,                                                                                         \
+    const long weight_guard,                                                                                         \
+    __global const real *weights         /* not read without WEIGHTED */
+
+/* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
+#if NDIM == 1
+#define ROW_COORDINATES
+#define ROW_EXISTS(k) true
+#elif NDIM == 2
+#define ROW_COORDINATES
+#define ROW_EXISTS(k) (row + offsets[(k) * 2] >= 0 && row + offsets[(k) * 2] < n_rows)
+#else
+#define ROW_COORDINATES                                                                                              \
+    int place[NDIM - 1];                                                                                             \
+    for (int d = NDIM - 2, rest = row; d >= 0; rest /= shape[d], --d) place[d] = rest % shape[d];
+#define ROW_EXISTS(k) row_exists(place, shape, offsets + (long)(k) * NDIM)
+static inline bool row_exists(const int *place, __global const int *shape, __global const int *offset)
+{
+    bool inside = true;
+    for (int d = 0; d < NDIM - 1; ++d) inside = inside && place[d] + offset[d] >= 0 && place[d] + offset[d] < shape[d];
+    return inside;
+}
+#endif
+
+#define PACK_AT(x_, row_)                                                                                            \
+    const int x = (x_), row = (row_);                                                                                \
+    const long u = guard + row * pitch + x;                                                                          \
+    const laneN used = x + LANES < width;                                                                            \
+    ROW_COORDINATES
+
+#define VERTEX                                                                                                       \
+    if ((int)get_global_id(0) * N >= width || (int)get_global_id(1) >= n_rows) return;                               \
+    PACK_AT((int)get_global_id(0) * N, (int)get_global_id(1))
+
+#define AT(u, c, channels) ((u) + (c) * plane)
+
+/* Weight of the edge from u along offset k: stored at u when k leads forward, at v when it leads back. */
+#ifdef WEIGHTED
+#define EDGE_WEIGHT                                                                                                  \
+    (k >= H ? LOAD(weights, weight_guard + ((long)row * H + (k - H)) * weight_pitch + x)                             \
+            : LOAD(weights, weight_guard + ((long)(row + row_jumps[k]) * H + (H - 1 - k)) * weight_pitch + x + step))
+#else
+#define EDGE_WEIGHT WHERE(used && x + LANES + step >= 0 && x + LANES + step < width, 1)
+#endif
+
+#define NEIGHBOURS                                                                                                   \
+    for (int k = 0; k < 2 * H; ++k) {                                                                                \
+        if (!ROW_EXISTS(k)) continue;                                                                                \
+        const int step = offsets[k * NDIM + NDIM - 1];                                                               \
+        const long v = u + row_jumps[k] * pitch + step;                                                              \
+        const realN w = EDGE_WEIGHT;
+#define END }
+
+#define USED(x) WHERE(used, x)
+
+#define SEGMENT_BEGIN                                                                                                \
+    for (int begin = get_global_id(0) * (int)segment * N; begin < width && begin < (int)(get_global_id(0) + 1) * (int)segment * N; \
+         begin += N) {                                                                                               \
+        PACK_AT(begin, (int)get_global_id(1))
+#define SEGMENT_END }
+#define SEGMENT_INDEX (get_global_id(1) * get_global_size(0) + get_global_id(0))
+
+#endif

@@ -1,0 +1,114 @@
+/* Number types: `real` and packs of N of them.
+ *
+ * A work item of a grid kernel treats N vertices that lie next to each other on a row, because PoCL does not vectorise
+ * a kernel that has inner loops; N = 1 suits a GPU, and CSR graphs. N and the type come as build options:
+ *   -DN=1|2|4|8|16   -DDOUBLE (float64, otherwise float32)   -DSUM_DOUBLE (the device has float64, for long sums)
+ */
+#ifndef REALS_CL
+#define REALS_CL
+
+#ifndef N
+#define N 1
+#endif
+
+#define CONCATENATE_(a, b) a##b
+#define CONCATENATE(a, b) CONCATENATE_(a, b)
+
+#ifdef DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double real;
+typedef long lane; /* an integer as wide as real: comparisons of packs give packs of these */
+#define REAL_ double
+#define LANE_ long
+#else
+#ifdef SUM_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+typedef float real;
+typedef int lane;
+#define REAL_ float
+#define LANE_ int
+#endif
+
+#if N == 1
+typedef real realN;
+typedef lane laneN;
+#define LOAD(p, i) ((p)[i])
+#define STORE(p, i, x) ((p)[i] = (x))
+#define LANES ((lane)0)
+#else
+typedef CONCATENATE(REAL_, N) realN;
+typedef CONCATENATE(LANE_, N) laneN;
+#define LOAD(p, i) CONCATENATE(vload, N)(0, (p) + (i))
+#define STORE(p, i, x) CONCATENATE(vstore, N)((x), 0, (p) + (i))
+#if N == 2
+#define LANES ((laneN)(0, 1))
+#elif N == 4
+#define LANES ((laneN)(0, 1, 2, 3))
+#elif N == 8
+#define LANES ((laneN)(0, 1, 2, 3, 4, 5, 6, 7))
+#elif N == 16
+#define LANES ((laneN)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+#endif
+#endif
+
+/* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
+#define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
+
+/* x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items. */
+static inline realN raise(const realN x, const real power)
+{
+    if (power == (real)1) return x;
+    if (power == (real)0) return (realN)(1);
+    if (power == (real)0.5) return sqrt(x);
+    if (power == (real)-0.5) return (realN)(1) / sqrt(x);
+    return pow(x, (realN)(power));
+}
+
+/* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */
+#if defined(DOUBLE) || defined(SUM_DOUBLE)
+typedef struct { double sum; } long_sum;
+static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
+static inline long_sum sum_add(long_sum s, const real x) { s.sum += (double)x; return s; }
+static inline double sum_value(const long_sum s) { return s.sum; }
+typedef double sum_t;
+#else
+typedef struct { float sum, lost; } long_sum;
+static inline long_sum sum_start(void) { long_sum s; s.sum = 0; s.lost = 0; return s; }
+static inline long_sum sum_add(long_sum s, const real x)
+{
+    const float t = s.sum + x;
+    s.lost += fabs(s.sum) >= fabs(x) ? (s.sum - t) + x : (x - t) + s.sum;
+    s.sum = t;
+    return s;
+}
+static inline float sum_value(const long_sum s) { return s.sum + s.lost; }
+typedef float sum_t;
+#endif
+
+static inline long_sum sum_add_pack(long_sum s, const realN x)
+{
+#if N == 1
+    return sum_add(s, x);
+#else
+    real parts[N];
+    STORE(parts, 0, x);
+    for (int i = 0; i < N; ++i) s = sum_add(s, parts[i]);
+    return s;
+#endif
+}
+
+static inline real largest_lane(const realN x)
+{
+#if N == 1
+    return x;
+#else
+    real parts[N], largest;
+    STORE(parts, 0, x);
+    largest = parts[0];
+    for (int i = 1; i < N; ++i) largest = parts[i] > largest ? parts[i] : largest;
+    return largest;
+#endif
+}
+
+#endif
