@@ -1,0 +1,234 @@
+"""The problem: what is minimised, checked, and its arrays on a device."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .backends import Array, Backend, Weighted
+from .graph import FloatArray, Graph, GridGraph
+from .weights import Weights
+
+AnyGraph = Graph | GridGraph
+Gamma = Literal["sqrt", "combinatorial", "normalized", "degree"]
+GAMMAS: tuple[Gamma, ...] = ("sqrt", "combinatorial", "normalized", "degree")
+
+# eps as a share of the data's range, where the caller names none (eq. 15).
+RELATIVE_EPS = 1e-3
+
+
+def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
+    """`values` as a float function on the vertices, (n, m), after checking shape and finiteness.
+
+    NaN and infinity are allowed only under the mask of a grid, where they become 0.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    n = graph.n_vertices
+    shape = graph.shape if isinstance(graph, GridGraph) else (n,)
+    if array.shape[: len(shape)] == shape and array.ndim - len(shape) in (0, 1):
+        flat = array.reshape(n, -1) if array.size else array
+    elif array.ndim in (1, 2) and len(array) == n:
+        flat = array.reshape(n, -1) if array.size else array
+    else:
+        allowed = f"({n},) or ({n}, m)" + (f", {shape} or {(*shape, 'm')}" if isinstance(graph, GridGraph) else "")
+        raise ValueError(f"{name} must have shape {allowed}, got {array.shape}")
+    if flat.ndim != 2 or flat.shape[1] == 0:
+        raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
+    flat = flat.astype(np.float64 if flat.dtype.itemsize > 4 or flat.dtype.kind != "f" else np.float32)
+    bad = ~np.isfinite(flat)
+    if bad.any() and isinstance(graph, GridGraph) and graph.mask is not None:
+        flat[~graph.mask.ravel()] = 0
+        bad = ~np.isfinite(flat)
+    if bad.any():
+        raise ValueError(
+            f"{name} must be finite, got {flat[bad][0]} at {int(bad.sum())} place(s); "
+            "on a grid, a mask can leave such vertices out"
+        )
+    return flat
+
+
+def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> float | FloatArray:
+    """The fidelity as a number or one value per vertex, (n,), after checking it."""
+    array = np.asarray(lam)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"lam must be a real number or an array of them, got {array.dtype}")
+    shape = graph.shape if isinstance(graph, GridGraph) else (graph.n_vertices,)
+    if array.shape not in ((), (graph.n_vertices,), shape):
+        raise ValueError(f"lam must be a number or one value per vertex, shape {shape}, got shape {array.shape}")
+    if np.isnan(array).any() or (array.size and array.min() < 0):
+        worst = array.min()
+        raise ValueError(f"lam must be >= 0 (0: no data there, infinity: pinned), got {worst}")
+    return float(array) if array.ndim == 0 else array.reshape(-1).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """minimise over f: R_eps(f) + 1/2 sum_u lam(u) |f(u) - f0(u)|^2, checked.
+
+    Parameters
+    ----------
+    graph : Graph or GridGraph
+    f0 : (n, m) float array
+    p : float
+        Degree of regularity > 0.
+    lam : float or (n,) array
+        Fidelity >= 0.
+    weights : Weights, array or None
+        None means the graph's own.
+    gamma : {"sqrt", "combinatorial", "normalized", "degree"}
+    coupled : bool
+        One gradient norm for all channels, or one each.
+    eps : float
+        Smoothing of the gradient norm, eq. 15.
+    """
+
+    graph: AnyGraph
+    f0: FloatArray
+    p: float
+    lam: float | FloatArray
+    weights: Weights | FloatArray | None
+    gamma: Gamma
+    coupled: bool
+    eps: float
+
+    @classmethod
+    def make(
+        cls,
+        f0: npt.ArrayLike,
+        graph: AnyGraph,
+        *,
+        p: float,
+        lam: float | npt.ArrayLike,
+        weights: Weights | npt.ArrayLike | None,
+        gamma: str,
+        coupled: bool,
+        eps: float | None,
+        dtype: np.dtype[Any],
+    ) -> Problem:
+        """Check the caller's arguments; ValueError or TypeError says what is wrong."""
+        if not isinstance(graph, Graph | GridGraph):
+            raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+        data = as_function(graph, f0, "f0")
+        if isinstance(p, bool) or not isinstance(p, int | float | np.integer | np.floating):
+            raise TypeError(f"p must be a number, got {type(p).__name__}")
+        if not (math.isfinite(p) and p > 0):
+            raise ValueError(f"p must be finite and > 0, got {p}")
+        if gamma not in GAMMAS:
+            raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, got {gamma!r}")
+        given: Weights | FloatArray | None
+        if weights is None or isinstance(weights, Weights):
+            given = weights
+        elif isinstance(graph, GridGraph):
+            given = graph.edges_to_half(weights)
+        else:
+            # A Graph made with them checks shape, sign and symmetry.
+            given = Graph(graph.indptr, graph.indices, np.asarray(weights)).weights
+        return cls(
+            graph, data, float(p), as_lam(graph, lam), given, gamma, bool(coupled), _check_eps(eps, p, data, dtype)
+        )
+
+    @property
+    def data_range(self) -> float:
+        """Largest minus smallest value of the data."""
+        return float(self.f0.max() - self.f0.min())
+
+
+def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]) -> float:
+    if eps is None:
+        if p == 2:
+            return 0.0  # the process does not depend on it
+        spread = float(f0.max() - f0.min()) or float(np.abs(f0).max()) or 1.0
+        eps = RELATIVE_EPS * spread
+    if isinstance(eps, bool) or not isinstance(eps, int | float | np.integer | np.floating):
+        raise TypeError(f"eps must be a number, got {type(eps).__name__}")
+    if not (math.isfinite(eps) and eps >= 0):
+        raise ValueError(f"eps must be finite and >= 0, got {eps}")
+    if p < 2:
+        limits = np.finfo(dtype)
+        # (g2 + eps^2)^((p - 2)/2) must stay finite where the data is flat, and so must sums of a few thousand of them.
+        if eps == 0 or eps**2 < limits.tiny or (p - 2) * math.log(eps) > math.log(float(limits.max)) - 12:
+            raise ValueError(
+                f"eps = {eps:g} is too small for p = {p:g} in {dtype}: 1/eps^(2-p) must be finite. Use a larger eps "
+                "(None picks 1e-3 of the data's range), or float64"
+            )
+    return float(eps)
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceProblem:
+    """A problem's arrays on a device: what a solver works on.
+
+    The forms of gamma that are a vertex's own factor, gamma_uv = sqrt(w) s(u), are a change of variable: g = s f turns
+    the problem into that of gamma = sqrt(w) with data s f0 and fidelity lam/s^2, eps and energy unchanged. So kernels
+    and solvers know sqrt(w) alone, and `scale` carries s, (n, 1), or None.
+    """
+
+    backend: Backend
+    weighted: Weighted
+    f0: Array
+    lam: float | Array
+    p: float
+    eps: float
+    coupled: bool
+    channels: int
+    scale: FloatArray | None
+
+    @classmethod
+    def put(cls, problem: Problem, backend: Backend) -> DeviceProblem:
+        """Bring a problem onto a device, computing its weights there."""
+        graph = problem.graph
+        if isinstance(problem.weights, Weights):
+            weighted = problem.weights.prepare(backend, graph, problem.f0)
+        else:
+            weighted = backend.prepare(graph, problem.weights)
+        scale = _vertex_scale(problem.gamma, backend, weighted)
+        f0, lam = problem.f0, problem.lam
+        if scale is not None:
+            f0 = f0 * scale
+            lam = np.broadcast_to(np.asarray(lam, np.float64), (graph.n_vertices,)) / scale[:, 0] ** 2
+        device_lam = lam if isinstance(lam, float) else backend.put(graph, lam[:, None])
+        return cls(
+            backend,
+            weighted,
+            backend.put(graph, f0),
+            device_lam,
+            problem.p,
+            problem.eps,
+            problem.coupled,
+            f0.shape[1],
+            scale,
+        )
+
+    def put_function(self, f: FloatArray) -> Array:
+        """A host function (n, m) in the problem's variable, on the device."""
+        return self.backend.put(self.weighted.graph, f if self.scale is None else f * self.scale)
+
+    def get_function(self, f: Array) -> FloatArray:
+        """A device function as the caller's f, (n, m)."""
+        host = self.backend.get(self.weighted.graph, f)
+        return host if self.scale is None else (host / self.scale).astype(host.dtype)
+
+    def energy(self, f: Array) -> float:
+        """The eps-smoothed energy of a device function."""
+        return self.backend.energy(
+            self.weighted, f, self.f0, self.lam, p=self.p, eps=self.eps, coupled=self.coupled
+        )
+
+
+def _vertex_scale(gamma: Gamma, backend: Backend, weighted: Weighted) -> FloatArray | None:
+    """The factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1); 1 at a vertex without weight. None where s = 1."""
+    if gamma == "sqrt":
+        return None
+    n = weighted.graph.n_vertices
+    if gamma == "combinatorial":
+        return np.full((n, 1), math.sqrt(0.5))
+    degree = backend.get(weighted.graph, backend.degree(weighted)).astype(np.float64)
+    factor = 2.0 if gamma == "normalized" else 1.0
+    scale: FloatArray = 1 / np.sqrt(np.where(degree > 0, factor * degree, 1))
+    return scale

@@ -1,0 +1,161 @@
+"""The front door to the model: :func:`regularize`."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import backends
+from .graph import Graph, GridGraph
+from .problem import DeviceProblem, Problem, as_function
+from .result import Interrupted, Result, Stop
+from .solvers import Solver, resolve, run
+from .solvers.loop import Callback
+from .weights import Weights
+
+
+def regularize(
+    f0: npt.ArrayLike,
+    graph: Graph | GridGraph,
+    *,
+    p: float = 2.0,
+    lam: float | npt.ArrayLike = 1.0,
+    weights: Weights | npt.ArrayLike | None = None,
+    gamma: str = "sqrt",
+    coupled: bool = True,
+    eps: float | None = None,
+    solver: str | Solver = "jacobi",
+    max_iter: int = 100,
+    tol: float | None = None,
+    initial: npt.ArrayLike | None = None,
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+    callback: Callback | None = None,
+    progress: bool = False,
+) -> Result:
+    """Regularize a function on the vertices of a weighted graph.
+
+    Parameters
+    ----------
+    f0 : array
+        The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
+        channels. Values are used as they come.
+    graph : Graph or GridGraph
+        The graph of n vertices. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex out.
+    p : float, default 2
+        Degree of regularity > 0: 2 is Tikhonov's, 1 total variation, towards 0 the result becomes piecewise constant.
+    lam : float or array, default 1
+        Fidelity >= 0, a number or one value per vertex: larger stays closer to the data. 0: no data there; infinity:
+        pinned to the data.
+    weights : Weights or array, optional
+        An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: the graph's own, or 1.
+    gamma : {"sqrt", "combinatorial", "normalized", "degree"}, default "sqrt"
+        gamma(u, v) of eq. 4: sqrt(w), sqrt(w/2), sqrt(w/(2 deg u)), sqrt(w/deg u).
+    coupled : bool, default True
+        One gradient norm for all m channels (section 5.1), or each channel alone.
+    eps : float, optional
+        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 for p = 2,
+        which does not need it.
+    solver : str or Solver, default "jacobi"
+        "jacobi" (eq. 25, 31), or a solver object such as ``gpureg.Jacobi(damping=0.5)``.
+    max_iter : int, default 100
+        Iterations at most.
+    tol : float, optional
+        Stop once the largest change in one iteration is at most this share of the data's range. The error can be far
+        larger than the last change when lam is small.
+    initial : array, optional
+        Where to start, in the shape of `f0`; None starts at `f0`.
+    backend : str, default "auto"
+        "auto", "numpy", "opencl", "warp", or a device such as "opencl:1". GPUREG_BACKEND overrides "auto".
+    dtype : dtype, optional
+        Type to compute in: float32 (None) or float64.
+    callback : callable, optional
+        Called with a :class:`gpureg.Check` before the first iteration and at every check; returning True stops the run.
+    progress : bool, default False
+        Show a bar on the terminal's error stream.
+
+    Returns
+    -------
+    Result
+        The value in the shape of `f0` and the type computed in, and how it was reached.
+
+    Raises
+    ------
+    ValueError, TypeError
+        An argument out of its range; the message says what was given and what is allowed.
+    BackendUnavailable
+        A backend or device that is not there.
+    FloatingPointError
+        Values that are no longer finite.
+    Interrupted
+        Ctrl-C during the iterations: a KeyboardInterrupt whose ``result`` holds the last whole iterate.
+
+    Notes
+    -----
+    Minimises 1/p sum_u |grad_w f(u)|^p + 1/2 sum_u lam(u) |f(u) - f0(u)|^2 (eq. 19, 20), with the gradient norm
+    smoothed by eps (eq. 15). For p < 1 the energy is not convex and the result depends on the start.
+
+    Examples
+    --------
+    A step with two outliers, by total variation on a path:
+
+    >>> import numpy as np, gpureg as gr
+    >>> f0 = np.array([0, 0, 0.3, 0, 1, 1, 0.8, 1])
+    >>> result = gr.regularize(f0, gr.GridGraph(8), p=1, lam=4, max_iter=2000, tol=1e-6, backend="numpy")
+    >>> result.value.round(2)
+    array([0.07, 0.07, 0.07, 0.27, 0.73, 0.95, 0.95, 0.95], dtype=float32)
+    >>> print(result.stop)
+    The largest change in one iteration fell to the tolerance.
+    """
+    begin = time.perf_counter()
+    if isinstance(max_iter, bool) or not isinstance(max_iter, int | np.integer):
+        raise TypeError(f"max_iter must be an integer, got {max_iter!r}")
+    if max_iter < 0:
+        raise ValueError(f"max_iter must be >= 0, got {max_iter}")
+    if tol is not None and not (math.isfinite(tol) and tol >= 0):
+        raise ValueError(f"tol must be finite and >= 0, got {tol}")
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
+    if kind not in (np.float32, np.float64):
+        raise ValueError(f"dtype must be float32 or float64, got {kind}")
+    method = resolve(solver)
+    problem = Problem.make(
+        f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, coupled=coupled, eps=eps, dtype=kind
+    )
+    start = None if initial is None else as_function(graph, initial, "initial")
+    if start is not None and start.shape != problem.f0.shape:
+        raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.shape(initial)}")
+    device = backends.get(backend, kind)
+    on_device = DeviceProblem.put(problem, device)
+    outcome = run(
+        on_device,
+        method,
+        # a buffer of its own: the sweeps write over it
+        on_device.put_function(problem.f0 if start is None else start),
+        max_iter=int(max_iter),
+        threshold=None if tol is None else tol * (problem.data_range or 1.0),
+        callback=callback,
+        progress=progress,
+    )
+    value = on_device.get_function(outcome.f)
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        # Vertices outside the mask come back as they came, NaN included.
+        outside = ~graph.mask.ravel()
+        value[outside] = np.asarray(f0).reshape(value.shape)[outside]
+    result = Result(
+        value=value.reshape(np.shape(f0)),
+        iterations=outcome.iterations,
+        stop=outcome.stop,
+        energy=np.array(outcome.energy),
+        checks=np.array(outcome.checks),
+        gap=None,
+        eps=problem.eps,
+        backend=repr(device),
+        seconds=time.perf_counter() - begin,
+    )
+    if outcome.stop is Stop.INTERRUPTED:
+        raise Interrupted(result)
+    return result

@@ -1,0 +1,32 @@
+"""Solvers: objects that hold settings only; one loop runs them all.
+
+To add one: a file here with a frozen dataclass that has ``start`` and ``step``, and its name in ``SOLVERS``.
+"""
+
+from __future__ import annotations
+
+from .jacobi import Jacobi
+from .loop import Check, Solver, run
+
+__all__ = ["SOLVERS", "Check", "Jacobi", "Solver", "resolve", "run"]
+
+SOLVERS: dict[str, type[Solver]] = {"jacobi": Jacobi}
+
+
+def resolve(solver: str | Solver) -> Solver:
+    """A solver from its name, with default settings, or the object itself.
+
+    Raises
+    ------
+    ValueError
+        An unknown name.
+    TypeError
+        Neither a name nor a solver.
+    """
+    if isinstance(solver, str):
+        if solver not in SOLVERS:
+            raise ValueError(f"unknown solver {solver!r}: use {', '.join(SOLVERS)}, or a solver object")
+        return SOLVERS[solver]()
+    if not isinstance(solver, Solver):
+        raise TypeError(f"solver must be a name or a solver object such as gpureg.Jacobi(), got {solver!r}")
+    return solver

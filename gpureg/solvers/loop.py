@@ -1,0 +1,140 @@
+"""The one loop that runs every solver: checks, history, stop, callback, progress, interruption."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backends import Array
+from ..graph import FloatArray
+from ..problem import DeviceProblem
+from ..result import Stop
+
+
+class Solver(ABC):
+    """A solver: settings only; what changes lives in a state that has ``f`` and ``previous``, the last two iterates."""
+
+    check_every: int
+
+    @abstractmethod
+    def start(self, problem: DeviceProblem, initial: Array) -> Any:
+        """State before the first iteration, whose ``f`` is `initial`."""
+
+    @abstractmethod
+    def step(self, problem: DeviceProblem, state: Any) -> Any:
+        """State after one more iteration."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a callback sees at a check.
+
+    Attributes
+    ----------
+    iteration : int
+        Iterations done.
+    energy : float
+        The eps-smoothed energy now.
+    change : float
+        Largest change of a value in the last iteration, in the data's units; infinity before the first.
+    value : callable
+        ``check.value()`` reads the current iterate (n, m) back from the device.
+    """
+
+    iteration: int
+    energy: float
+    change: float
+    value: Callable[[], FloatArray]
+
+
+Callback = Callable[[Check], Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the loop leaves: the last whole iterate on the device, and its history."""
+
+    f: Array
+    iterations: int
+    stop: Stop
+    energy: list[float]
+    checks: list[int]
+
+
+@contextmanager
+def progress_bar(show: bool, total: int, unit: str = "iterations") -> Iterator[Callable[[int], None]]:
+    """A bar on the terminal's error stream that leaves nothing behind."""
+    if not show:
+        yield lambda iteration: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda iteration: bar.update(task, completed=iteration)
+
+
+def run(
+    problem: DeviceProblem,
+    solver: Solver,
+    initial: Array,
+    *,
+    max_iter: int,
+    threshold: float | None,
+    callback: Callback | None,
+    progress: bool,
+) -> Outcome:
+    """Iterate until a stop: `max_iter`, a largest change of at most `threshold`, the callback, or Ctrl-C.
+
+    Raises
+    ------
+    FloatingPointError
+        Values that are no longer finite.
+    """
+    backend = problem.backend
+    energies, checks = [problem.energy(initial)], [0]
+    state, done = solver.start(problem, initial), 0
+
+    def outcome(stop: Stop) -> Outcome:
+        return Outcome(state.f, done, stop, energies, checks)
+
+    def is_told_to_stop(change: float) -> bool:
+        if callback is None:
+            return False
+        now = state.f
+        check = Check(done, energies[-1], change, lambda: problem.get_function(now))
+        return callback(check) is True
+
+    try:
+        with progress_bar(progress, max_iter) as report:
+            if is_told_to_stop(math.inf):
+                return outcome(Stop.CALLBACK)
+            while done < max_iter:
+                for _ in range(min(solver.check_every, max_iter - done)):
+                    # One assignment of a pair: an interrupt falls before or after a whole iteration.
+                    state, done = solver.step(problem, state), done + 1
+                change = backend.max_change(problem.weighted, state.f, state.previous)
+                energy = problem.energy(state.f)
+                if not (math.isfinite(change) and math.isfinite(energy)):
+                    raise FloatingPointError(
+                        f"values are no longer finite after {done} iterations: the data, lam or eps are out of the "
+                        f"range of {np.dtype(backend.dtype)}; rescale the data, or use float64"
+                    )
+                energies.append(energy)
+                checks.append(done)
+                report(done)
+                if is_told_to_stop(change):
+                    return outcome(Stop.CALLBACK)
+                if threshold is not None and change <= threshold:
+                    return outcome(Stop.TOLERANCE)
+    except KeyboardInterrupt:
+        return outcome(Stop.INTERRUPTED)
+    return outcome(Stop.MAX_ITER)

@@ -1,0 +1,296 @@
+"""Weight functions w(u, v): how alike two vertices are (section 5.2 and figures 5 to 8 of the paper).
+
+A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the form
+s(u, v) exp(-patch distance) are computed there; any other derives from :class:`EdgeWeights` and says in numpy what the
+weight between arrays of vertices is. To add one: a class, a function below it, and a row in ``tests/cases.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .backends import Backend, PatchForm, Weighted
+from .graph import FloatArray, Graph, GridGraph, IntArray, check_weights
+
+__all__ = ["EdgeWeights", "Weights", "bilateral", "constant", "gaussian", "guided", "inverse_distance", "patch"]
+
+AnyGraph = Graph | GridGraph
+
+
+class Weights(ABC):
+    """A weight function."""
+
+    @abstractmethod
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
+
+
+class EdgeWeights(Weights):
+    """A weight function computed in numpy, an array of edges at a time."""
+
+    @abstractmethod
+    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+        """Weights of the edges from vertices `u` to vertices `v`, both (k,); symmetric in u and v."""
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, on the backend's device."""
+        if isinstance(graph, Graph):
+            values = self.between(graph, f0, graph.edge_rows(), graph.indices)
+            return backend.prepare(graph, check_weights(values, (graph.n_edges,), "one per directed edge"))
+        half = np.zeros((graph.half_window, *graph.shape), backend.dtype)
+        vertices = np.arange(graph.n_vertices).reshape(graph.shape)
+        for plane, step in zip(half, graph.forward_offsets, strict=True):
+            start, end = graph.ends(step)
+            plane[start] = self.between(graph, f0, vertices[start].ravel(), vertices[end].ravel()).reshape(
+                vertices[start].shape
+            )
+        if graph.mask is not None:
+            half *= graph.unit_half_weights() > 0
+        return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
+
+
+def _positions(graph: AnyGraph, vertices: IntArray) -> FloatArray:
+    """Coordinates of vertices, in the units of the grid's spacing or the graph's positions."""
+    if isinstance(graph, GridGraph):
+        return np.stack(np.unravel_index(vertices, graph.shape), axis=-1) * np.array(graph.spacing or (1.0,) * graph.ndim)
+    if graph.positions is None:
+        raise ValueError("these weights need the vertices' coordinates: give the graph positions=(n, d)")
+    return graph.positions[vertices]
+
+
+def _positive(name: str, value: float, *, infinite: bool = False) -> float:
+    if not isinstance(value, int | float | np.floating | np.integer) or isinstance(value, bool):
+        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
+    if not value > 0 or (math.isinf(value) and not infinite):
+        raise ValueError(f"{name} must be > 0{'' if infinite else ' and finite'}, got {value}")
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Constant(Weights):
+    """See :func:`constant`."""
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with weight 1 on every edge."""
+        if isinstance(graph, Graph) and graph.weights is not None:
+            return backend.prepare(graph, np.ones(graph.n_edges, backend.dtype))
+        return backend.prepare(graph, None)
+
+
+@dataclass(frozen=True)
+class Bilateral(Weights):
+    """See :func:`bilateral`."""
+
+    sigma_space: float
+    sigma_value: float
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with weights w1."""
+        spatial = None
+        if math.isfinite(self.sigma_space):
+            if isinstance(graph, GridGraph):
+                steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
+            else:
+                steps = _positions(graph, graph.indices) - _positions(graph, graph.edge_rows())
+            spatial = np.exp(-(steps**2).sum(axis=1) / self.sigma_space**2)
+        return backend.patch_distance(graph, f0, PatchForm(np.ones(1), 0.0, self.sigma_value**-2, spatial))
+
+
+@dataclass(frozen=True)
+class Patch(Weights):
+    """See :func:`patch`."""
+
+    radius: int
+    h: float
+    sigma: float = 0.0
+    a: float | None = None
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with weights w2."""
+        steps = np.arange(-self.radius, self.radius + 1)
+        profile = np.ones(len(steps)) if self.a is None else np.exp(-(steps**2) / (2 * self.a**2))
+        if self.a is not None:
+            profile = profile / profile.sum()
+        ndim = graph.ndim if isinstance(graph, GridGraph) else 1 if graph.grid is None else graph.grid.ndim
+        samples = f0.shape[1] * profile.sum() ** ndim
+        form = PatchForm(profile, 2 * self.sigma**2 * samples, self.h**-2)
+        return backend.patch_distance(graph, f0, form)
+
+
+@dataclass(frozen=True)
+class InverseDistance(EdgeWeights):
+    """See :func:`inverse_distance`."""
+
+    power: float
+
+    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+        """Weights |u - v|^-power."""
+        distance = np.sqrt(((_positions(graph, v) - _positions(graph, u)) ** 2).sum(axis=-1))
+        if distance.size and not distance.min() > 0:
+            k = int(np.argmin(distance))
+            raise ValueError(f"vertices {u[k]} and {v[k]} lie on the same point: 1/distance has no value there")
+        weights: FloatArray = distance**-self.power
+        return weights
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian(EdgeWeights):
+    """See :func:`gaussian`."""
+
+    features: FloatArray
+    sigma: float
+
+    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+        """Weights exp(-|features(u) - features(v)|^2 / sigma^2)."""
+        if len(self.features) != graph.n_vertices:
+            raise ValueError(f"features must have {graph.n_vertices} rows, one per vertex, got {len(self.features)}")
+        weights: FloatArray = np.exp(-((self.features[v] - self.features[u]) ** 2).sum(axis=-1) / self.sigma**2)
+        return weights
+
+
+@dataclass(frozen=True, eq=False)
+class Guided(Weights):
+    """See :func:`guided`."""
+
+    weights: Weights
+    guide: FloatArray
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with weights computed from the guide."""
+        if len(self.guide) != graph.n_vertices:
+            raise ValueError(f"the guide must have {graph.n_vertices} rows, one per vertex, got {len(self.guide)}")
+        return self.weights.prepare(backend, graph, self.guide)
+
+
+def constant() -> Weights:
+    """Weight 1 on every edge: the unweighted graph."""
+    return Constant()
+
+
+def bilateral(sigma_space: float, sigma_value: float) -> Weights:
+    """Bilateral weights w1: near in space and alike in value.
+
+    Parameters
+    ----------
+    sigma_space : float
+        sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity leaves the spatial factor out.
+    sigma_value : float
+        sigma_X > 0, in the data's units; infinity leaves the factor of the values out.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A sigma that is not a number > 0.
+
+    Notes
+    -----
+    w1(u, v) = exp(-|u - v|^2 / sigma_P^2) exp(-|f0(u) - f0(v)|^2 / sigma_X^2), section 5.2 of the paper. There is no
+    factor 1/2: sigma_P and sigma_X are sqrt(2) times those of the usual bilateral filter (OpenCV's, scikit-image's).
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
+    >>> gr.regularize(step, gr.GridGraph(8), weights=gr.weights.bilateral(2.0, 0.1), backend="numpy").value[:, 0].round(3)
+    array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
+    """
+    return Bilateral(
+        _positive("sigma_space", sigma_space, infinite=True), _positive("sigma_value", sigma_value, infinite=True)
+    )
+
+
+def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) -> Weights:
+    """Nonlocal weights w2: alike in the values of a patch around each vertex.
+
+    Parameters
+    ----------
+    radius : int
+        k' >= 0 of the patch of side 2 k' + 1. Radius 0 compares the data of the vertices alone and serves any graph; a
+        larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge cell.
+    h : float
+        Filtering parameter > 0: in the data's units times the square root of the sum of g.
+    sigma : float, default 0
+        Standard deviation of the noise: 2 sigma^2 is taken off the distance per sample and channel, what is negative
+        counts as 0.
+    a : float, optional
+        Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch: g = 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A radius that is not an integer >= 0, h or a not > 0, sigma < 0.
+
+    Notes
+    -----
+    w2(u, v) = exp(-rho(u, v) / h^2) with rho(u, v) = sum_j g(j) |f0(u + j) - f0(v + j)|^2, section 5.2 of the paper. For
+    a flat patch of s cells and C channels, the nonlocal means of scikit-image and OpenCV with parameter H is h^2 = C s H^2.
+    """
+    if not isinstance(radius, int | np.integer) or isinstance(radius, bool):
+        raise TypeError(f"the patch's radius must be an integer, got {radius!r}")
+    if radius < 0:
+        raise ValueError(f"the patch's radius must be >= 0, got {radius}")
+    if not (math.isfinite(sigma) and sigma >= 0):
+        raise ValueError(f"sigma must be finite and >= 0, got {sigma}")
+    return Patch(int(radius), _positive("h", h), float(sigma), None if a is None else _positive("a", a))
+
+
+def inverse_distance(power: float = 2) -> Weights:
+    """Weights 1/|u - v|^power between the positions of the vertices (figure 6 of the paper, with power 2).
+
+    Raises
+    ------
+    TypeError, ValueError
+        A power that is not a number > 0; at use, vertices without positions, or two that lie on the same point.
+    """
+    return InverseDistance(_positive("power", power))
+
+
+def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
+    """Weights exp(-|F(u) - F(v)|^2 / sigma^2) between feature vectors of the vertices.
+
+    Parameters
+    ----------
+    features : (n,) or (n, q) float array
+        One feature vector per vertex.
+    sigma : float
+        Standard deviation (without a factor 1/2) > 0, in the features' units.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Features that are not finite numbers, or a sigma that is not > 0; at use, another number of vertices.
+    """
+    table: Any = np.array(features, dtype=np.float64)
+    table = table.reshape(len(table), -1) if table.ndim else table
+    if table.ndim != 2 or not np.isfinite(table).all():
+        raise ValueError(f"features must be finite, one row per vertex, got shape {table.shape}")
+    return Gaussian(table, _positive("sigma", sigma))
+
+
+def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
+    """The same weight function, computed from other data than those that are regularized.
+
+    Parameters
+    ----------
+    weights : Weights
+    guide : (n,) or (n, q) float array
+        What the weights compare, one row per vertex, e.g. a cleaner picture of the same scene.
+
+    Raises
+    ------
+    TypeError, ValueError
+        No weight function, or a guide that is not finite; at use, another number of vertices.
+    """
+    if not isinstance(weights, Weights):
+        raise TypeError(f"weights must be an object of gpureg.weights, got {type(weights).__name__}")
+    table: Any = np.array(guide, dtype=np.float64)
+    table = table.reshape(len(table), -1) if table.ndim else table
+    if table.ndim != 2 or not np.isfinite(table).all():
+        raise ValueError(f"the guide must be finite, one row per vertex, got shape {table.shape}")
+    return Guided(weights, table)
