@@ -1,0 +1,33 @@
+"""Denoise, simplify and cluster discrete data by p-Laplacian regularization on weighted graphs."""
+
+from __future__ import annotations
+
+from . import weights
+from .backends import BackendUnavailable
+from .graph import Graph, GridGraph
+from .image import DenoisePlan, denoise_image, plan_denoising, run_plan
+from .noise import estimate_noise
+from .regularization import regularize
+from .result import Interrupted, Result, Stop
+from .solvers import Check, Jacobi
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BackendUnavailable",
+    "Check",
+    "DenoisePlan",
+    "Graph",
+    "GridGraph",
+    "Interrupted",
+    "Jacobi",
+    "Result",
+    "Stop",
+    "__version__",
+    "denoise_image",
+    "estimate_noise",
+    "plan_denoising",
+    "regularize",
+    "run_plan",
+    "weights",
+]

@@ -1,0 +1,5 @@
+"""``python -m gpureg``."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,232 @@
+"""Pictures in and out of files: 8- and 16-bit PNG, TIFF and JPEG; grey and RGB, with or without alpha.
+
+Pillow reads and writes JPEG and 8-bit PNG, imagecodecs 16-bit PNG (Pillow narrows 16-bit colour to 8), tifffile TIFF.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FORMATS = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".jpg": "JPEG", ".jpeg": "JPEG"}
+
+
+class PictureError(OSError):
+    """A picture that cannot be read or written; the message says which and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture as a file holds it.
+
+    Attributes
+    ----------
+    pixels : (H, W) or (H, W, 3) array
+        uint8, uint16 or, from TIFF, float.
+    alpha : (H, W) array or None
+        Opacity, in the dtype of the pixels.
+    icc_profile : bytes or None
+        The colour profile, carried through.
+    """
+
+    pixels: npt.NDArray[Any]
+    alpha: npt.NDArray[Any] | None = None
+    icc_profile: bytes | None = None
+
+    @property
+    def channel_axis(self) -> int | None:
+        """Axis of the colours; None for grey."""
+        return None if self.pixels.ndim == 2 else 2
+
+
+def _split(array: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
+    """Colours and alpha of (H, W), (H, W, 1..4)."""
+    if array.ndim == 2:
+        return array, None
+    if array.ndim == 3 and array.shape[2] in (1, 2):
+        return array[..., 0], array[..., 1] if array.shape[2] == 2 else None
+    if array.ndim == 3 and array.shape[2] in (3, 4):
+        return array[..., :3], array[..., 3] if array.shape[2] == 4 else None
+    raise PictureError(f"{where} holds an array of shape {array.shape}, not one grey or RGB picture")
+
+
+def read_picture(path: str | os.PathLike[str]) -> Picture:
+    """Read a PNG, TIFF or JPEG file; its content decides, not its name.
+
+    A JPEG comes upright, as its EXIF tag says.
+
+    Raises
+    ------
+    PictureError
+        A file that is missing, may not be read, is truncated, or is no picture of these kinds.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise PictureError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise PictureError(f"{path} is a folder, not a picture") from None
+    except OSError as error:
+        raise PictureError(f"{path} cannot be read: {error.strerror}") from None
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        read = _read_deep_png if data[24:25] == b"\x10" else _read_with_pillow
+    elif data.startswith(b"\xff\xd8"):
+        read = _read_with_pillow
+    elif data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        read = _read_tiff
+    else:
+        raise PictureError(f"{path} is not a PNG, TIFF or JPEG picture" + (" (it is empty)" if not data else ""))
+    try:
+        picture = read(data, str(path))
+    except (PictureError, MemoryError):
+        raise
+    except Exception as error:  # what a decoder raises on broken data is not for users to know
+        raise PictureError(f"{path} is truncated or damaged: {error}") from None
+    if picture.pixels.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise PictureError(f"{path} holds {picture.pixels.dtype} pixels; uint8, uint16 and float can be treated")
+    if picture.pixels.size == 0:
+        raise PictureError(f"{path} holds no pixels")
+    return picture
+
+
+def _read_with_pillow(data: bytes, where: str) -> Picture:
+    from PIL import Image, ImageOps
+
+    with Image.open(io.BytesIO(data)) as opened:
+        opened.load()  # a truncated file is found out here
+        profile = opened.info.get("icc_profile")
+        image = ImageOps.exif_transpose(opened)
+    if image.mode == "P" or "transparency" in image.info:
+        image = image.convert("RGBA" if "transparency" in image.info else "RGB")
+    elif image.mode not in ("L", "LA", "RGB", "RGBA"):
+        # Bilevel becomes grey, CMYK and YCbCr become RGB; a profile of CMYK does not fit then.
+        profile = profile if image.mode == "1" else None
+        image = image.convert("L" if image.mode == "1" else "RGB")
+    pixels, alpha = _split(np.asarray(image), where)
+    return Picture(pixels, alpha, profile)
+
+
+def _read_deep_png(data: bytes, where: str) -> Picture:
+    import imagecodecs
+
+    return Picture(*_split(imagecodecs.png_decode(data), where))
+
+
+def _read_tiff(data: bytes, where: str) -> Picture:
+    import tifffile
+
+    with tifffile.TiffFile(io.BytesIO(data)) as file:
+        if len(file.pages) != 1:
+            raise PictureError(f"{where} is a stack of {len(file.pages)} pages; give a picture of one page")
+        page: Any = file.pages[0]
+        array = page.asarray()
+        if page.photometric in (tifffile.PHOTOMETRIC.PALETTE, tifffile.PHOTOMETRIC.SEPARATED):
+            raise PictureError(f"{where} has {page.photometric.name.lower()} colours; convert it to grey or RGB first")
+        if array.ndim == 3 and page.planarconfig == tifffile.PLANARCONFIG.SEPARATE:
+            array = np.moveaxis(array, 0, -1)
+        if page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and array.dtype.kind == "u":
+            array = np.iinfo(array.dtype).max - array
+        if array.dtype == np.bool_:
+            array = array.astype(np.uint8) * np.uint8(255)
+        if array.dtype.byteorder == ">":
+            array = array.astype(array.dtype.newbyteorder("="))
+        profile = page.tags.get(34675)
+        return Picture(*_split(array, where), None if profile is None else bytes(profile.value))
+
+
+def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
+    """Check, before work is spent on it, that a picture can be written there.
+
+    Raises
+    ------
+    PictureError
+        An unknown extension, a folder that does not exist or may not be written, a format that does not hold the picture.
+    """
+    target = Path(path)
+    kind = FORMATS.get(target.suffix.lower())
+    if kind is None:
+        raise PictureError(f"{path}: the extension must be one of {', '.join(FORMATS)}")
+    if not target.parent.is_dir():
+        raise PictureError(f"{path}: the folder {target.parent} does not exist")
+    if target.is_dir():
+        raise PictureError(f"{path} is a folder")
+    if not os.access(target.parent, os.W_OK) or (target.exists() and not os.access(target, os.W_OK)):
+        raise PictureError(f"{path}: no permission to write there")
+    if picture is None:
+        return
+    if kind == "JPEG" and picture.alpha is not None:
+        raise PictureError(f"{path}: JPEG holds no alpha channel; write PNG or TIFF")
+    if kind == "JPEG" and picture.pixels.dtype != np.uint8:
+        raise PictureError(f"{path}: JPEG holds 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
+    if kind == "PNG" and picture.pixels.dtype.kind == "f":
+        raise PictureError(f"{path}: PNG holds no {picture.pixels.dtype} pixels; write TIFF")
+
+
+def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
+    """Write a picture in the format its extension names, whole or not at all.
+
+    The file is written under another name in the same folder and renamed, so that an error or an interruption leaves what
+    was there before.
+
+    Raises
+    ------
+    PictureError
+        As :func:`check_destination`, or a disk that refuses.
+    """
+    check_destination(path, picture)
+    pixels = picture.pixels if picture.pixels.ndim == 3 else picture.pixels[..., None]
+    planes = pixels if picture.alpha is None else np.concatenate([pixels, picture.alpha[..., None]], axis=-1)
+    array = np.ascontiguousarray(planes[..., 0] if planes.shape[2] == 1 else planes)
+    kind = FORMATS[Path(path).suffix.lower()]
+    write_atomically(path, lambda temporary: temporary.write_bytes(_encode(kind, array, picture)))
+
+
+def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
+    """Call `write` with a temporary name in the folder of `path`, then rename; nothing is left behind on failure."""
+    target = Path(path)
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, target)
+    except OSError as error:
+        raise PictureError(f"{path} cannot be written: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _encode(kind: str, array: npt.NDArray[Any], picture: Picture) -> bytes:
+    buffer = io.BytesIO()
+    if kind == "TIFF":
+        import tifffile
+
+        tifffile.imwrite(
+            buffer,
+            array,
+            photometric="rgb" if picture.pixels.ndim == 3 else "minisblack",
+            planarconfig="contig" if array.ndim == 3 else None,
+            extrasamples=None if picture.alpha is None else ["unassalpha"],
+            compression="zlib",
+            predictor=array.dtype.kind == "u",
+            iccprofile=picture.icc_profile,
+            metadata=None,
+        )
+        return buffer.getvalue()
+    if array.dtype == np.uint16:
+        import imagecodecs
+
+        return bytes(imagecodecs.png_encode(array))
+    from PIL import Image
+
+    extra: dict[str, Any] = {} if picture.icc_profile is None else {"icc_profile": picture.icc_profile}
+    if kind == "JPEG":
+        extra |= {"quality": 95, "subsampling": 0}
+    Image.fromarray(array).save(buffer, kind, **extra)
+    return buffer.getvalue()
