@@ -1,0 +1,41 @@
+# Two commands do everything on a machine with Python 3.11+, pip and make:
+#   make demo    sets up .venv with an OpenCL driver for the CPU, denoises a picture, says where it is
+#   make test    sets up .venv with everything the tests need, runs them
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+
+.PHONY: demo test lint bench clean
+
+demo: $(VENV)/.demo-ready
+	$(BIN)/gpureg demo
+
+test: $(VENV)/.test-ready
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: $(VENV)/.test-ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.bench-ready
+	$(BIN)/python bench/run.py
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+$(VENV)/.demo-ready: pyproject.toml $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -e '.[pocl,plot]'
+	touch $@
+
+$(VENV)/.test-ready: pyproject.toml $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -e '.[pocl,warp,plot,dev]'
+	touch $@
+
+$(VENV)/.bench-ready: pyproject.toml $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -e '.[pocl,warp,plot,bench]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist
