@@ -105,7 +105,9 @@ def _report(plan: DenoisePlan, result: Result, source: Path, target: Path, pictu
 def _three_lines(report: dict[str, Any]) -> str:
     white = {"uint8": " of 255", "uint16": " of 65535"}.get(report["dtype"], "")
     origin = "estimated" if report["sigma_estimated"] else "as given"
-    size = f"{report['width']} x {report['height']}, {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
+    size = (
+        f"{report['width']} x {report['height']}, {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
+    )
     return "\n".join(
         (
             f"noise    sigma = {report['sigma']:.4g}{white}, {origin}",
@@ -140,7 +142,9 @@ def _three_lines(report: dict[str, Any]) -> str:
 @click.option("--max-iter", type=int, help="Iterations at most.")
 @click.option("--tol", type=float, help="Stop when the largest change is this share of the range.")
 @click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
-@click.option("--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`.")
+@click.option(
+    "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
+)
 @click.option("--dtype", type=click.Choice(["float32", "float64"]), help="Type to compute in.  [default: float32]")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON on standard output.")
 @click.option("--quiet", is_flag=True, help="Report nothing.")
@@ -185,16 +189,13 @@ def denoise(
             noise = plan_denoising(picture.pixels, sigma=sigma, p=1, lam=1, channel_axis=axis).sigma
             samples = (2 * patch_radius + 1) ** 2 if patch_std is None else 1
             channels = 1 if axis is None else picture.pixels.shape[axis]
-            function = {
-                "constant": weights.constant,
-                "bilateral": lambda: weights.bilateral(sigma_space, 3 * noise if sigma_value is None else sigma_value),
-                "patch": lambda: weights.patch(
-                    patch_radius,
-                    0.6 * noise * math.sqrt(samples * channels) if h is None else h,
-                    sigma=noise,
-                    a=patch_std,
-                ),
-            }[kind]()
+            if kind == "constant":
+                function = weights.constant()
+            elif kind == "bilateral":
+                function = weights.bilateral(sigma_space, 3 * noise if sigma_value is None else sigma_value)
+            else:
+                reach = 0.6 * noise * math.sqrt(samples * channels) if h is None else h
+                function = weights.patch(patch_radius, reach, sigma=noise, a=patch_std)
             if radius is None and kind != "constant":
                 given["radius"] = 7.0
         plan = plan_denoising(picture.pixels, weights=function, channel_axis=axis, **given)
@@ -296,7 +297,3 @@ def list_backends(as_json: bool) -> None:
     click.echo(f"\n* {why}")
     for name, problem in absent.items():
         click.echo(f"  {name}: {problem}")
-
-
-
-

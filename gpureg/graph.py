@@ -257,7 +257,9 @@ class Graph:
     def degree(self) -> FloatArray:
         """Sum of the weights around each vertex, delta_w of section 2.1, shape (n,)."""
         values = np.ones(self.n_edges) if self.weights is None else self.weights
-        return np.bincount(self.edge_rows(), weights=values, minlength=self.n_vertices)
+        total: FloatArray = np.zeros(self.n_vertices, np.float64)
+        total += np.bincount(self.edge_rows(), weights=values, minlength=self.n_vertices)
+        return total
 
     def edge_rows(self) -> IntArray:
         """The vertex each stored directed edge starts from, shape (n_edges,)."""
@@ -352,7 +354,8 @@ class GridGraph:
         else:
             length = distance.sum(axis=1)
         kept = (length <= self.radius * (1 + 1e-9)) & (np.abs(offsets).sum(axis=1) > 0)
-        return offsets[kept].astype(np.int64)
+        window: IntArray = offsets[kept].astype(np.int64)
+        return window
 
     def __repr__(self) -> str:
         masked = "" if self.mask is None else f", {int(self.mask.sum())} cells in the mask"
@@ -425,10 +428,10 @@ class GridGraph:
         for begin in range(0, self.n_vertices, block):
             u = np.arange(begin, min(begin + block, self.n_vertices))
             there = np.stack(np.unravel_index(u, self.shape), axis=-1)[:, None, :] + offsets[None]
-            exists = ((there >= 0) & (there < np.array(self.shape))).all(axis=-1)
+            exists: npt.NDArray[np.bool_] = np.asarray(((there >= 0) & (there < np.array(self.shape))).all(axis=-1))
             v = u[:, None] + jumps[None]
             if inside is not None:
-                exists &= inside[u][:, None] & inside[np.where(exists, v, 0)]
+                exists = exists & inside[u][:, None] & inside[np.where(exists, v, 0)]
             yield u, v, exists
 
     def to_graph(self, half_weights: FloatArray | None = None) -> Graph:

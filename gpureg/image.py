@@ -15,14 +15,15 @@ import numpy.typing as npt
 from .graph import GridGraph, Metric
 from .noise import estimate_noise
 from .regularization import regularize
-from .result import Interrupted, Result, Stop
-from .solvers import Check, Solver
+from .result import Interrupted, Result
+from .solvers import Solver
 from .solvers.loop import Callback, progress_bar
 from .weights import Bilateral, Constant, Patch, Weights, constant, guided, patch
 
 # Brightness and two opponent colours, orthonormal; the colours count less, having less detail than noise.
 _CHROMA = 0.45
-_OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt([[3], [2], [1.5]]) * [[1], [_CHROMA], [_CHROMA]]
+_OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
+_OPPONENT[1:] *= _CHROMA
 
 # Bytes of stored weights above which an image goes through in bands of rows.
 BAND_BYTES = 1 << 28
@@ -70,9 +71,11 @@ class DenoisePlan:
         if isinstance(w, Patch):
             shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
             colours = ", opponent colours" if self.opponent else ""
-            kind = f"nonlocal weights{colours}, {window}, {2 * w.radius + 1}x{2 * w.radius + 1} {shape} patches, h = {w.h:.4g}"
+            patches = f"{2 * w.radius + 1}x{2 * w.radius + 1} {shape} patches"
+            kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
         elif isinstance(w, Bilateral):
-            kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}, sigma_value = {w.sigma_value:.4g}"
+            kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
+            kind += f", sigma_value = {w.sigma_value:.4g}"
         elif isinstance(w, Constant):
             kind = f"constant weights, {window}"
         else:
@@ -108,9 +111,10 @@ def plan_denoising(
     -----
     The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window: patches grow
     with the noise, and are smaller in colour, where three channels tell as much as a larger patch of one; h falls as
-    they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten photographs at sigma 10, 20, 40 of 255. With p other than 2, the unweighted
-    4-neighbour graph G_0 (p = 1: digital total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of
-    the model; 2.2 was best on the camera picture for p = 1 and 1.5.
+    they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten
+    photographs at sigma 10, 20, 40 of 255. With p other than 2, the unweighted 4-neighbour graph G_0 (p = 1: digital
+    total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the camera
+    picture for p = 1 and 1.5.
 
     Examples
     --------
@@ -127,15 +131,17 @@ def plan_denoising(
     estimated = sigma is None
     noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
     spread = _contrast(array, channel_axis, mask)
+    # Without weights that look at the data a wide window only blurs: the paper's G_0.
+    local = isinstance(weights, Constant) or (weights is None and p not in (None, 2))
     if metric is None:
-        local = p not in (None, 2) and weights is None
         metric = "cityblock" if local and radius is None else "chebyshev"
     opponent = False
     # Half a grey level: what rounding alone may add.
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
     if negligible and estimated and lam is None and weights is None:
         return DenoisePlan(noise, estimated, constant(), radius or 1, metric, p or 2.0, math.inf, 0, tol, eps)
-    if p in (None, 2):
+    if not local and p in (None, 2):
+        default_lam, default_radius, default_iterations = 2.0, 7.0, 1  # lam = 2: the centre counted once
         if weights is None:
             # The rule's unit is the 255th part of the contrast.
             level = min(60.0, 255 * noise / spread) if spread > 0 else 60.0
@@ -149,26 +155,24 @@ def plan_denoising(
                 raise ValueError("without noise (sigma = 0) there is nothing to choose from: give the weights")
             weights = patch(min(3, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
             default_lam = 1.0
-        else:
-            default_lam = 2.0  # with one sweep: the centre counted once
-        chosen = (7.0 if radius is None else radius, default_lam, 1)
     else:
+        degree = 2.0 if p is None else p
         if lam is None and noise == 0:
             raise ValueError("without noise (sigma = 0) there is nothing to choose lam from: give it")
         weights = constant() if weights is None else weights
-        assert p is not None
-        chosen = (1.0 if radius is None else radius, 2.2 * noise ** (p - 2) if noise else 0.0, 200)
-        if tol is None and max_iter is None:
+        default_lam, default_radius = (2.2 * noise ** (degree - 2) if noise else 0.0), 1.0
+        default_iterations = 3 if degree == 2 else 200  # at p = 2 more sweeps only blur
+        if tol is None and max_iter is None and degree != 2:
             tol = 1e-4
     return DenoisePlan(
         sigma=noise,
         estimated=estimated,
         weights=weights,
-        radius=chosen[0],
+        radius=default_radius if radius is None else radius,
         metric=metric,
         p=2.0 if p is None else float(p),
-        lam=chosen[1] if lam is None else lam,
-        max_iter=chosen[2] if max_iter is None else max_iter,
+        lam=default_lam if lam is None else lam,
+        max_iter=default_iterations if max_iter is None else max_iter,
         tol=tol,
         eps=eps,
         opponent=opponent,
@@ -248,8 +252,8 @@ def denoise_image(
 
     Notes
     -----
-    :func:`gpureg.plan_denoising` tells what would be chosen, and how. The model is eq. 19 to 31 of the paper; the default
-    is one sweep of nonlocal means.
+    :func:`gpureg.plan_denoising` tells what would be chosen, and how. The model is eq. 19 to 31 of the paper; the
+    default is one sweep of nonlocal means.
 
     Examples
     --------

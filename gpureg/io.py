@@ -148,7 +148,8 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
     Raises
     ------
     PictureError
-        An unknown extension, a folder that does not exist or may not be written, a format that does not hold the picture.
+        An unknown extension, a folder that does not exist or may not be written, a format that does not hold the
+        picture.
     """
     target = Path(path)
     kind = FORMATS.get(target.suffix.lower())
@@ -173,8 +174,8 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
 def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
     """Write a picture in the format its extension names, whole or not at all.
 
-    The file is written under another name in the same folder and renamed, so that an error or an interruption leaves what
-    was there before.
+    The file is written under another name in the same folder and renamed, so that an error or an interruption leaves
+    what was there before.
 
     Raises
     ------

@@ -216,9 +216,7 @@ class DeviceProblem:
 
     def energy(self, f: Array) -> float:
         """The eps-smoothed energy of a device function."""
-        return self.backend.energy(
-            self.weighted, f, self.f0, self.lam, p=self.p, eps=self.eps, coupled=self.coupled
-        )
+        return self.backend.energy(self.weighted, f, self.f0, self.lam, p=self.p, eps=self.eps, coupled=self.coupled)
 
 
 def _vertex_scale(gamma: Gamma, backend: Backend, weighted: Weighted) -> FloatArray | None:

@@ -58,8 +58,8 @@ def regularize(
     coupled : bool, default True
         One gradient norm for all m channels (section 5.1), or each channel alone.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 for p = 2,
-        which does not need it.
+        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 for
+        p = 2, which does not need it.
     solver : str or Solver, default "jacobi"
         "jacobi" (eq. 25, 31), or a solver object such as ``gpureg.Jacobi(damping=0.5)``.
     max_iter : int, default 100
@@ -122,12 +122,10 @@ def regularize(
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
     method = resolve(solver)
-    problem = Problem.make(
-        f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, coupled=coupled, eps=eps, dtype=kind
-    )
+    problem = Problem.make(f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, coupled=coupled, eps=eps, dtype=kind)
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
-        raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.shape(initial)}")
+        raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
     on_device = DeviceProblem.put(problem, device)
     outcome = run(

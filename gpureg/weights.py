@@ -1,8 +1,9 @@
 """Weight functions w(u, v): how alike two vertices are (section 5.2 and figures 5 to 8 of the paper).
 
-A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the form
-s(u, v) exp(-patch distance) are computed there; any other derives from :class:`EdgeWeights` and says in numpy what the
-weight between arrays of vertices is. To add one: a class, a function below it, and a row in ``tests/cases.py``.
+A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the
+form s(u, v) exp(-patch distance) are computed there; any other derives from :class:`EdgeWeights` and says in
+numpy what the weight between arrays of vertices is. To add one: a class, a function below it, and a row in
+``tests/cases.py``.
 """
 
 from __future__ import annotations
@@ -58,7 +59,9 @@ class EdgeWeights(Weights):
 def _positions(graph: AnyGraph, vertices: IntArray) -> FloatArray:
     """Coordinates of vertices, in the units of the grid's spacing or the graph's positions."""
     if isinstance(graph, GridGraph):
-        return np.stack(np.unravel_index(vertices, graph.shape), axis=-1) * np.array(graph.spacing or (1.0,) * graph.ndim)
+        cells = np.stack(np.unravel_index(vertices, graph.shape), axis=-1)
+        places: FloatArray = cells * np.array(graph.spacing or (1.0,) * graph.ndim)
+        return places
     if graph.positions is None:
         raise ValueError("these weights need the vertices' coordinates: give the graph positions=(n, d)")
     return graph.positions[vertices]
@@ -179,7 +182,8 @@ def bilateral(sigma_space: float, sigma_value: float) -> Weights:
     Parameters
     ----------
     sigma_space : float
-        sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity leaves the spatial factor out.
+        sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity leaves the spatial factor
+        out.
     sigma_value : float
         sigma_X > 0, in the data's units; infinity leaves the factor of the values out.
 
@@ -197,7 +201,8 @@ def bilateral(sigma_space: float, sigma_value: float) -> Weights:
     --------
     >>> import numpy as np, gpureg as gr
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
-    >>> gr.regularize(step, gr.GridGraph(8), weights=gr.weights.bilateral(2.0, 0.1), backend="numpy").value[:, 0].round(3)
+    >>> weights = gr.weights.bilateral(2.0, 0.1)
+    >>> gr.regularize(step, gr.GridGraph(8), weights=weights, backend="numpy").value[:, 0].round(3)
     array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
     """
     return Bilateral(
@@ -219,7 +224,8 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
         Standard deviation of the noise: 2 sigma^2 is taken off the distance per sample and channel, what is negative
         counts as 0.
     a : float, optional
-        Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch: g = 1.
+        Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch:
+        g = 1.
 
     Raises
     ------
@@ -228,8 +234,9 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
 
     Notes
     -----
-    w2(u, v) = exp(-rho(u, v) / h^2) with rho(u, v) = sum_j g(j) |f0(u + j) - f0(v + j)|^2, section 5.2 of the paper. For
-    a flat patch of s cells and C channels, the nonlocal means of scikit-image and OpenCV with parameter H is h^2 = C s H^2.
+    w2(u, v) = exp(-rho(u, v) / h^2) with rho(u, v) = sum_j g(j) |f0(u + j) - f0(v + j)|^2, section 5.2 of the paper.
+    For a flat patch of s cells and C channels, the nonlocal means of scikit-image and OpenCV with parameter H is
+    h^2 = C s H^2.
     """
     if not isinstance(radius, int | np.integer) or isinstance(radius, bool):
         raise TypeError(f"the patch's radius must be an integer, got {radius!r}")

@@ -124,7 +124,9 @@ def why_auto(dtype: npt.DTypeLike = np.float32) -> str:
 def _find(name: str, dtype: npt.DTypeLike) -> Device:
     family, _, rest = name.partition(":")
     if family not in _BACKENDS:
-        raise ValueError(f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, or a name from `gpureg backends`")
+        raise ValueError(
+            f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, or a name from `gpureg backends`"
+        )
     probe = _probe(family)
     if probe.problem is not None:
         others = ", ".join(device.id for device in devices())

@@ -7,6 +7,7 @@ primitives are in ``kernels/README.md``.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -133,6 +134,14 @@ def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[Flo
     return padded, sites
 
 
+def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[np.int64]:
+    """Steps inside a channel of the given padded shape from a patch's centre to its cells, (cells,)."""
+    places = np.indices(patch).reshape(len(patch), -1)
+    strides = np.array([math.prod(padded[d + 1 :]) for d in range(len(padded))], np.int64)
+    jumps: npt.NDArray[np.int64] = strides @ (places - np.array(patch)[:, None] // 2)
+    return jumps
+
+
 class Backend(ABC):
     """One device computing in one floating-point type.
 
@@ -148,6 +157,7 @@ class Backend(ABC):
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
         self.device = device
         self.dtype = np.dtype(dtype)
+        self.real: Any = self.dtype.type  # makes a scalar of this type
 
     def __repr__(self) -> str:
         return f"{self.device.id} ({self.device.name}, {self.device.driver}), {self.dtype}"

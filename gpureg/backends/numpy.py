@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, GridGraph, IntArray
-from .base import AnyGraph, Array, Backend, Device, PatchForm, Weighted, host_weights, padded_for_patches
+from .base import AnyGraph, Array, Backend, Device, PatchForm, Weighted, host_weights, padded_for_patches, patch_jumps
 
 TIER = 4
 
@@ -96,7 +96,9 @@ class NumpyBackend(Backend):
             v = graph.indices[edges]
             w = 1 if weighted.weights is None else weighted.weights[edges][:, None]
             busy = rows.start + np.flatnonzero(np.diff(graph.indptr[rows.start : rows.stop + 1]))
-            for total, term in zip(sums, terms([x[u] for x in functions], [x[v] for x in functions], w, 1), strict=True):
+            for total, term in zip(
+                sums, terms([x[u] for x in functions], [x[v] for x in functions], w, 1), strict=True
+            ):
                 if len(busy):
                     full = np.broadcast_to(term, (len(v), total.shape[1]))
                     total[busy] = np.add.reduceat(full, graph.indptr[busy] - edges.start, axis=0)
@@ -133,8 +135,7 @@ class NumpyBackend(Backend):
             return Weighted(graph, None, weights)
         ndim = 1 if graph.grid is None else graph.grid.ndim
         window = form.window(ndim).astype(self.dtype)
-        jumps = np.ravel_multi_index(np.indices(window.shape).reshape(ndim, -1), padded.shape[1:])
-        jumps = jumps - jumps[len(jumps) // 2]
+        jumps = patch_jumps(window.shape, padded.shape[1:])
         flat, g = padded.reshape(len(padded), -1), window.ravel()
         weights = np.empty(graph.n_edges, self.dtype)
         for rows, edges in self._row_blocks(graph.indptr):
@@ -174,7 +175,7 @@ class NumpyBackend(Backend):
         self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
     ) -> Array:
         square = self._squared_gradient(weighted, f, coupled)
-        return self._into(out, _raise(square + self.dtype.type(eps) ** 2, power))
+        return self._into(out, _raise(square + self.real(eps) ** 2, power))
 
     def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
         def terms(u: Any, v: Any, w: Any, sign: int) -> tuple[FloatArray]:
@@ -207,7 +208,7 @@ class NumpyBackend(Backend):
         keeps_data = pinned | ~(denominator > 0)
         moved = (np.where(pinned, 0, lam) * f0 + sums) / np.where(keeps_data, 1, denominator)
         if theta != 1:
-            moved = f + self.dtype.type(theta) * (moved - f)
+            moved = f + self.real(theta) * (moved - f)
         return self._into(out, np.where(keeps_data, f0, moved))
 
     def energy(

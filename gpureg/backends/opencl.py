@@ -30,6 +30,7 @@ from .base import (
     Weighted,
     host_weights,
     padded_for_patches,
+    patch_jumps,
 )
 
 GPU_TIER, CPU_TIER = 1, 2
@@ -125,7 +126,7 @@ class _Csr:
     kind = "csr"
 
     def __init__(self, backend: OpenCLBackend, graph: Graph) -> None:
-        self.n = graph.n_vertices
+        self.n, self.n_edges = graph.n_vertices, graph.n_edges
         self.width = 1
         wide = graph.indices.dtype == np.int64
         self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
@@ -144,8 +145,8 @@ class _Csr:
     def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
         return flat.reshape(self.n, channels)
 
-    def weight_size(self, graph: Graph) -> int:
-        return graph.n_edges
+    def weight_size(self) -> int:
+        return self.n_edges
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
         return weights
@@ -203,7 +204,7 @@ class _Grid:
     def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
         return np.ascontiguousarray(self._rows(flat, channels).transpose(1, 2, 0)).reshape(-1, channels)
 
-    def weight_size(self, graph: GridGraph) -> int:
+    def weight_size(self) -> int:
         return self.weight_guard + self.rows * self.H * self.weight_pitch + self.weight_guard
 
     def _weight_rows(self, flat: FloatArray) -> FloatArray:
@@ -211,7 +212,7 @@ class _Grid:
         return flat[self.weight_guard : end].reshape(self.rows, self.H, self.weight_pitch)[:, :, : self.W]
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
-        flat = np.zeros(self.weight_size(self.graph), weights.dtype)
+        flat = np.zeros(self.weight_size(), weights.dtype)
         self._weight_rows(flat)[...] = weights.reshape(self.H, self.rows, self.W).transpose(1, 0, 2)
         return flat
 
@@ -246,7 +247,6 @@ class OpenCLBackend(Backend):
         self._shared = _queue(device.handle)
         double = self.dtype == np.float64
         self.lanes = max(1, device.vector_width // 2) if double else device.vector_width
-        self._real = self.dtype.type
         self._sum_type = np.dtype(np.float64 if device.float64 else np.float32)
         self._options: tuple[str, ...] = ()
         if double:
@@ -277,7 +277,7 @@ class OpenCLBackend(Backend):
 
     def _zeros(self, size: int) -> cl.Buffer:
         buffer = self._allocate(size * self.dtype.itemsize)
-        cl.enqueue_fill_buffer(self._shared.queue, buffer, self._real(0), 0, max(size, 1) * self.dtype.itemsize)
+        cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
         return buffer
 
     def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
@@ -315,7 +315,7 @@ class OpenCLBackend(Backend):
         if weighted.weights is None:
             return None
         topology = weighted.topology
-        size = topology.weight_size(weighted.graph)
+        size = topology.weight_size()
         return topology.unpack_weights(self._download(weighted.weights, size, self.dtype))
 
     # Kernels
@@ -354,8 +354,8 @@ class OpenCLBackend(Backend):
 
     def _lam(self, lam: float | Array) -> tuple[list[Any], tuple[str, ...]]:
         if isinstance(lam, _Function):
-            return [lam.buffer, self._real(0)], ("-DLAM_ARRAY",)
-        return [self._nothing, self._real(lam)], ()
+            return [lam.buffer, self.real(0)], ("-DLAM_ARRAY",)
+        return [self._nothing, self.real(lam)], ()
 
     def _g(self, g: Array | None) -> tuple[cl.Buffer, tuple[str, ...]]:
         if g is None:
@@ -367,8 +367,7 @@ class OpenCLBackend(Backend):
         padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
-        jumps = np.ravel_multi_index(np.indices(window.shape).reshape(len(shape), -1), shape).astype(np.int64)
-        jumps -= jumps[len(jumps) // 2]
+        jumps = patch_jumps(window.shape, shape)
         # Packs at the border read a little past either end; the lanes concerned are not used.
         margin = topology.reach + topology.width if isinstance(topology, _Grid) else 0
         flat = np.zeros((channels, padded[0].size + 2 * margin), self.dtype)
@@ -383,10 +382,10 @@ class OpenCLBackend(Backend):
             np.int32(len(jumps)),
             self.upload(jumps),
             self.upload(window.ravel().astype(self.dtype)),
-            self._real(form.shift),
-            self._real(scale),
+            self.real(form.shift),
+            self.real(scale),
         ]
-        weights = self._zeros(topology.weight_size(graph))
+        weights = self._zeros(topology.weight_size())
         target = Weighted(graph, topology, None)
         if isinstance(topology, _Grid):
             assert isinstance(graph, GridGraph)
@@ -418,7 +417,7 @@ class OpenCLBackend(Backend):
     ) -> Array:
         G = 1 if coupled else f.channels
         out = self.empty(weighted.graph, G) if out is None else out
-        args = [f.buffer, self._real(eps) ** 2, self._real(power), out.buffer]
+        args = [f.buffer, self.real(eps) ** 2, self.real(power), out.buffer]
         self._run("gradient_norm", weighted, args, (f"-DM={f.channels}", f"-DG={G}"))
         return out
 
@@ -442,11 +441,13 @@ class OpenCLBackend(Backend):
         out = self.empty(weighted.graph, f.channels) if out is None else out
         g_buffer, g_options = self._g(g)
         lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, g_buffer, *lams, self._real(theta), out.buffer]
+        args = [f.buffer, f0.buffer, g_buffer, *lams, self.real(theta), out.buffer]
         self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
         return out
 
-    def _partial(self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any) -> Any:
+    def _partial(
+        self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
+    ) -> Any:
         topology = weighted.topology
         count = math.prod(topology.segments)
         out = self._allocate(count * np.dtype(dtype).itemsize)
@@ -466,7 +467,7 @@ class OpenCLBackend(Backend):
     ) -> float:
         G = 1 if coupled else f.channels
         lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self._real(p), self._real(eps) ** 2]
+        args = [f.buffer, f0.buffer, *lams, self.real(p), self.real(eps) ** 2]
         options = (f"-DM={f.channels}", f"-DG={G}", *lam_options)
         return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
 

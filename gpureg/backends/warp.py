@@ -308,8 +308,8 @@ class WarpBackend(Backend):
         window = form.window(len(shape))
         # The patch as lines along the last axis, each so many padded rows away.
         axes = (*window.shape[:-1], 1)
-        lines = np.ravel_multi_index(np.indices(axes).reshape(len(shape), -1), (*shape[:-1], 1))
-        lines -= lines[len(lines) // 2]
+        lines = np.asarray(np.ravel_multi_index(tuple(np.indices(axes).reshape(len(shape), -1)), (*shape[:-1], 1)))
+        lines = lines - lines[len(lines) // 2]
         places = np.stack(np.divmod(sites, shape[-1]), axis=-1).astype(np.int32)
         function = reals.vector(self.real, m)
         inputs: list[Any] = [
@@ -354,7 +354,7 @@ class WarpBackend(Backend):
         return out
 
     def _squared(self, eps: float) -> float:
-        return float(self.dtype.type(eps) ** 2)
+        return float(np.asarray(eps, self.dtype)[()] ** 2)
 
     def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
         M = _channels(f)
