@@ -1,0 +1,87 @@
+"""A vertex's neighbours in a CSR graph. Gives the primitives the same names as grid.py, so that each is written once:
+
+  Graph                      the struct that holds the graph, the first argument of every kernel
+  Place                      the vector type of a vertex u; u[0], u[1] is where it is in a function
+  place(graph, row, x)       the vertex of this work item
+  begin(graph, u), end(graph, u)   the range of its edges e
+  neighbour(graph, u, e)     the vertex v at the other end
+  exists(graph, v)           whether there is such a vertex (here: yes)
+  weight(graph, u, e, v)     w(u, v); 1 in a graph without weights
+
+Functions on vertices are (rows, width) arrays of vectors, here with one row. A gather brings all channels of a
+neighbour at once. Indices of a Warp array are 32 bits wide, so a graph has less than 2^31 directed edges.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+
+@dataclass(frozen=True, eq=False)
+class Access:
+    """The names above, for one kind of graph."""
+
+    real: Any
+    Graph: Any
+    Place: Any
+    place: Any
+    begin: Any
+    end: Any
+    neighbour: Any
+    exists: Any
+    weight: Any
+
+
+@functools.cache
+def struct(real):
+    """The struct that holds the graph."""
+
+    @wp.struct
+    class Csr:
+        indptr: wp.array(dtype=wp.int32)  # (n + 1,)
+        indices: wp.array(dtype=wp.int32)  # (n_edges,)
+        weights: wp.array(dtype=real)  # (n_edges,), one per directed edge; not read without weights
+
+    return Csr
+
+
+@functools.cache
+def make(real, weighted):
+    """The names above for a graph with or without weights."""
+    Graph, Place = struct(real), wp.vec2i
+
+    @wp.func
+    def place(graph: Graph, row: int, x: int) -> Place:
+        return Place(row, x)
+
+    @wp.func
+    def begin(graph: Graph, u: Place) -> int:
+        return graph.indptr[u[1]]
+
+    @wp.func
+    def end(graph: Graph, u: Place) -> int:
+        return graph.indptr[u[1] + 1]
+
+    @wp.func
+    def neighbour(graph: Graph, u: Place, e: int) -> Place:
+        return Place(0, graph.indices[e])
+
+    @wp.func
+    def exists(graph: Graph, v: Place) -> bool:
+        return True
+
+    if weighted:
+
+        @wp.func
+        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+            return graph.weights[e]
+
+    else:
+
+        @wp.func
+        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+            return real(1.0)
+
+    return Access(real, Graph, Place, place, begin, end, neighbour, exists, weight)

@@ -1,0 +1,85 @@
+"""energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
+
+The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the second
+term is left out: f = f0 there.
+
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes their sum in float64, the
+host adds these. The segments depend on graph and device alone, so the bits are the same on every run.
+Traffic per vertex of D neighbours: reads D weights, (D + 2) M values and lam, on CSR also D indices.
+"""
+
+import functools
+
+import warp as wp
+
+from . import reals
+from .gradient_norm import squared_gradient
+
+
+@functools.cache
+def make(access, M, G, lam_array):
+    """The kernel for one kind of graph, M channels, G gradient norms, and lam as an array or a number."""
+    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
+    channels = reals.make(real, M, G)
+    function, raised = channels.function, channels.raised
+    around = squared_gradient(access, M, G)
+    lam_type, lam_at = reals.fidelity(real, Place, lam_array)
+
+    @wp.func
+    def density(
+        graph: Graph,
+        f: wp.array2d(dtype=function),
+        f0: wp.array2d(dtype=function),
+        lam: lam_type,
+        p: real,
+        eps2: real,
+        u: Place,
+    ) -> real:
+        smoothness = raised(around(graph, f, u), eps2, p / real(2.0))
+        total = real(0.0)
+        lam_u = lam_at(lam, u)
+        if not wp.isinf(lam_u):
+            d = f[u[0], u[1]] - f0[u[0], u[1]]
+            total = lam_u * wp.dot(d, d) / real(2.0)
+        for c in range(G):
+            total += smoothness[c] / p
+        return total
+
+    @wp.func
+    def segment_sum(
+        graph: Graph,
+        f: wp.array2d(dtype=function),
+        f0: wp.array2d(dtype=function),
+        lam: lam_type,
+        p: real,
+        eps2: real,
+        row: int,
+        first: int,
+        stride: int,
+        count: int,
+    ) -> wp.float64:
+        total = wp.float64(0.0)
+        for i in range(count):
+            x = first + i * stride
+            if x < f.shape[1]:
+                total += wp.float64(density(graph, f, f0, lam, p, eps2, place(graph, row, x)))
+        return total
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def energy(
+        graph: Graph,
+        f: wp.array2d(dtype=function),  # M channels
+        f0: wp.array2d(dtype=function),  # M channels
+        lam: lam_type,  # a number or 1 channel
+        p: real,
+        eps2: real,  # eps^2
+        reach: int,  # from a segment's first vertex to the next one's
+        stride: int,  # from a vertex to the next of its segment
+        count: int,  # vertices in a segment
+        # output
+        out: wp.array2d(dtype=wp.float64),  # (rows, segments)
+    ):
+        row, s = wp.tid()
+        out[row, s] = segment_sum(graph, f, f0, lam, p, eps2, row, s * reach, stride, count)
+
+    return energy

@@ -1,0 +1,103 @@
+"""A vertex's neighbours on an implicit grid. Gives the primitives the same names as csr.py (which explains them).
+
+A row is a line of cells along the last axis; functions are (n_rows, width) arrays. An edge e is the number of its
+offset: the 2 H offsets are in lexicographic order, the last H lead forward, the opposite of e is 2 H - 1 - e. A vertex
+is the vector (row, x), followed on three axes and more by the row's coordinates along the leading axes; an offset is
+the difference of two such vectors, so that a neighbour is a sum. Every neighbour is held against the bounds, so there
+is no padding.
+
+Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one sweep
+streams through them: (n_rows, H, width), 0 where an edge leaves the grid.
+"""
+
+import functools
+
+import warp as wp
+
+from .csr import Access
+
+
+@functools.cache
+def struct(real, ndim):
+    """The struct that holds the graph, the vector type of a vertex, and that of the leading axes' sizes."""
+    leading = ndim - 1 if ndim > 2 else 0
+    Place = wp.types.vector(length=2 + leading, dtype=wp.int32)
+    Sizes = wp.types.vector(length=max(leading, 1), dtype=wp.int32)
+
+    @wp.struct
+    class Grid:
+        n_rows: wp.int32
+        width: wp.int32  # cells in a row
+        H: wp.int32  # forward offsets, half the window
+        sizes: Sizes  # of the leading axes, on three axes and more
+        offsets: wp.array(dtype=Place)  # (2 H,)
+        weights: wp.array3d(dtype=real)  # (n_rows, H, width); not read without weights
+
+    return Grid, Place, Sizes
+
+
+@functools.cache
+def make(real, ndim, weighted):
+    """The names of csr.py for a grid of so many axes with or without weights."""
+    Graph, Place, _ = struct(real, ndim)
+    leading = ndim - 1
+
+    # `exists` compares as unsigned numbers, where one below 0 is very large: one comparison holds off both ends.
+    if ndim <= 2:
+
+        @wp.func
+        def place(graph: Graph, row: int, x: int) -> Place:
+            return Place(row, x)
+
+        @wp.func
+        def exists(graph: Graph, v: Place) -> bool:
+            return wp.uint32(v[0]) < wp.uint32(graph.n_rows) and wp.uint32(v[1]) < wp.uint32(graph.width)
+
+    else:
+
+        @wp.func
+        def place(graph: Graph, row: int, x: int) -> Place:
+            u = Place()
+            u[0] = row
+            u[1] = x
+            rest = int(row)
+            for i in range(leading):
+                d = leading - 1 - i
+                u[2 + d] = rest % graph.sizes[d]
+                rest = rest // graph.sizes[d]
+            return u
+
+        @wp.func
+        def exists(graph: Graph, v: Place) -> bool:
+            inside = wp.uint32(v[1]) < wp.uint32(graph.width)
+            for d in range(leading):
+                inside = inside and wp.uint32(v[2 + d]) < wp.uint32(graph.sizes[d])
+            return inside
+
+    @wp.func
+    def begin(graph: Graph, u: Place) -> int:
+        return 0
+
+    @wp.func
+    def end(graph: Graph, u: Place) -> int:
+        return 2 * graph.H
+
+    @wp.func
+    def neighbour(graph: Graph, u: Place, e: int) -> Place:
+        return u + graph.offsets[e]
+
+    if weighted:
+        # Stored at u when the edge leads forward, at v when it leads back.
+        @wp.func
+        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+            if e >= graph.H:
+                return graph.weights[u[0], e - graph.H, u[1]]
+            return graph.weights[v[0], graph.H - 1 - e, v[1]]
+
+    else:
+
+        @wp.func
+        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+            return real(1.0)
+
+    return Access(real, Graph, Place, place, begin, end, neighbour, exists, weight)

@@ -1,0 +1,49 @@
+"""max_change = max over vertices and channels of |a - b|; infinity if any difference is not a number.
+
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes its maximum, the host takes
+the largest of these. Traffic per vertex: reads 2 M values. The graph is not read.
+"""
+
+import functools
+
+import warp as wp
+
+from .reals import vector
+
+
+@functools.cache
+def make(real, M):
+    """The kernel for M channels."""
+    function = vector(real, M)
+
+    @wp.func
+    def segment_max(
+        a: wp.array2d(dtype=function), b: wp.array2d(dtype=function), row: int, first: int, stride: int, count: int
+    ) -> real:
+        largest = real(0.0)
+        for i in range(count):
+            x = first + i * stride
+            if x < a.shape[1]:
+                d = a[row, x] - b[row, x]
+                for c in range(M):
+                    change = wp.abs(d[c])
+                    # wp.max may drop a NaN: make it the largest number instead
+                    if wp.isnan(change):
+                        change = real(wp.inf)
+                    largest = wp.max(largest, change)
+        return largest
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def max_change(
+        a: wp.array2d(dtype=function),  # M channels
+        b: wp.array2d(dtype=function),  # M channels
+        reach: int,  # from a segment's first vertex to the next one's
+        stride: int,  # from a vertex to the next of its segment
+        count: int,  # vertices in a segment
+        # output
+        out: wp.array2d(dtype=real),  # (rows, segments)
+    ):
+        row, s = wp.tid()
+        out[row, s] = segment_max(a, b, row, s * reach, stride, count)
+
+    return max_change

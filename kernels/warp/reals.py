@@ -1,0 +1,132 @@
+"""Number types, and the arithmetic of functions of several channels.
+
+`real` is wp.float32 or wp.float64. A function of M channels is an array of vectors of M reals, so that a kernel treats
+all channels of a vertex at once; a gradient norm or a conductance is a vector of G reals, one for all channels (G = 1)
+or one each (G = M).
+
+A factory of this folder is called once per combination of what is compiled in, and keeps what it made: kernels and
+functions close over the types they are for.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Types and functions for M channels with G gradient norms.
+
+    function, norm   vectors of M and of G reals
+    squared(d)       |d|^2 as a norm: summed over the channels if G = 1
+    scaled(a, d)     the function d, each channel times its conductance in the norm a
+    raised(x, shift, power)   (x + shift)^power, of each number of a norm
+    """
+
+    function: Any
+    norm: Any
+    squared: Any
+    scaled: Any
+    raised: Any
+
+
+@functools.cache
+def vector(real, length):
+    """A vector type."""
+    return wp.types.vector(length=length, dtype=real)
+
+
+@functools.cache
+def raising(real):
+    """x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items."""
+
+    @wp.func
+    def raise_(x: real, power: real) -> real:
+        if power == real(1.0):
+            return x
+        if power == real(0.0):
+            return real(1.0)
+        if power == real(0.5):
+            return wp.sqrt(x)
+        if power == real(-0.5):
+            return real(1.0) / wp.sqrt(x)
+        return wp.pow(x, power)
+
+    return raise_
+
+
+@functools.cache
+def make(real, M, G):
+    """The types and functions for M channels with G gradient norms, G = 1 or M."""
+    function, norm = vector(real, M), vector(real, G)
+    raise_ = raising(real)
+
+    if G == 1:
+
+        @wp.func
+        def squared(d: function) -> norm:
+            return norm(wp.dot(d, d))
+
+        @wp.func
+        def scaled(a: norm, d: function) -> function:
+            return a[0] * d
+
+    else:
+
+        @wp.func
+        def squared(d: function) -> norm:
+            return wp.cw_mul(d, d)
+
+        @wp.func
+        def scaled(a: norm, d: function) -> function:
+            return wp.cw_mul(a, d)
+
+    @wp.func
+    def raised(x: norm, shift: real, power: real) -> norm:
+        result = norm()
+        for c in range(G):
+            result[c] = raise_(x[c] + shift, power)
+        return result
+
+    return Channels(function, norm, squared, scaled, raised)
+
+
+@functools.cache
+def fidelity(real, Place, lam_array):
+    """The type of the argument lam, and a function that gives its value at a vertex."""
+    if lam_array:
+        lam_type = wp.array2d(dtype=vector(real, 1))
+
+        @wp.func
+        def lam_at(lam: lam_type, u: Place) -> real:
+            return lam[u[0], u[1]][0]
+
+    else:
+        lam_type = real
+
+        @wp.func
+        def lam_at(lam: real, u: Place) -> real:
+            return lam
+
+    return lam_type, lam_at
+
+
+@functools.cache
+def conductance(real, Place, G, conductances):
+    """A function that gives g(u) + g(v) as a norm; 2 without conductances (p = 2), and then g is not read."""
+    norm = vector(real, G)
+    if conductances:
+
+        @wp.func
+        def pair(g: wp.array2d(dtype=norm), u: Place, v: Place) -> norm:
+            return g[u[0], u[1]] + g[v[0], v[1]]
+
+    else:
+
+        @wp.func
+        def pair(g: wp.array2d(dtype=norm), u: Place, v: Place) -> norm:
+            return norm(real(2.0))
+
+    return pair
