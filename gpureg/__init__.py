@@ -5,8 +5,9 @@ from __future__ import annotations
 from . import weights
 from .backends import BackendUnavailable
 from .graph import Graph, GridGraph
-from .image import DenoisePlan, denoise_image, plan_denoising, run_plan
+from .image import denoise_image, run_plan
 from .noise import estimate_noise
+from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .result import Interrupted, Result, Stop
 from .solvers import Check, Jacobi

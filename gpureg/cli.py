@@ -18,8 +18,9 @@ import numpy as np
 
 from . import __version__, backends, weights
 from .graph import METRICS
-from .image import DenoisePlan, plan_denoising, run_plan
+from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
+from .plan import DenoisePlan, plan_denoising
 from .result import Result
 
 

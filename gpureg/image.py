@@ -1,182 +1,26 @@
-"""The door for images and volumes: :func:`denoise_image`, and the plan it follows."""
+"""The door for images and volumes: :func:`denoise_image`."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .graph import GridGraph, Metric
-from .noise import estimate_noise
+from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .regularization import regularize
 from .result import Interrupted, Result
 from .solvers import Solver
 from .solvers.loop import Callback, progress_bar
-from .weights import Bilateral, Constant, Patch, Weights, constant, guided, patch
-
-# Brightness and two opponent colours, orthonormal; the colours count less, having less detail than noise.
-_CHROMA = 0.45
-_OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
-_OPPONENT[1:] *= _CHROMA
+from .weights import Constant, Patch, Weights
 
 # Bytes of stored weights above which an image goes through in bands of rows.
 BAND_BYTES = 1 << 28
-
-
-@dataclass(frozen=True)
-class DenoisePlan:
-    """What :func:`denoise_image` does with an image: its parameters, chosen or given.
-
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation of the noise, in the image's units.
-    estimated : bool
-        Whether it was estimated.
-    weights : Weights or array
-    radius, metric
-        The neighbourhood of :class:`gpureg.GridGraph`.
-    p, lam, max_iter, tol, eps
-        As in :func:`gpureg.regularize`; ``max_iter`` 0 leaves the image as it is.
-    opponent : bool
-        Whether the weights compare brightness and, less strictly, two opponent colours instead of red, green and blue.
-    """
-
-    sigma: float
-    estimated: bool
-    weights: Weights | npt.ArrayLike
-    radius: float
-    metric: Metric
-    p: float
-    lam: float | npt.ArrayLike
-    max_iter: int
-    tol: float | None = None
-    eps: float | None = None
-    opponent: bool = False
-
-    def describe(self) -> str:
-        """The plan in one line."""
-        if self.max_iter == 0:
-            return "nothing to do: no noise was found"
-        side = 2 * int(self.radius) + 1
-        w, window = self.weights, f"{side}x{side} window"
-        if self.metric != "chebyshev":
-            window = "4 neighbours" if (self.radius, self.metric) == (1, "cityblock") else f"{window} ({self.metric})"
-        if isinstance(w, Patch):
-            shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
-            colours = ", opponent colours" if self.opponent else ""
-            patches = f"{2 * w.radius + 1}x{2 * w.radius + 1} {shape} patches"
-            kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
-        elif isinstance(w, Bilateral):
-            kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
-            kind += f", sigma_value = {w.sigma_value:.4g}"
-        elif isinstance(w, Constant):
-            kind = f"constant weights, {window}"
-        else:
-            kind = f"{type(w).__name__} weights, {window}"
-        lam = f"{float(self.lam):.4g}" if np.ndim(self.lam) == 0 else "a map"  # type: ignore[arg-type]
-        iterations = "1 iteration" if self.max_iter == 1 else f"at most {self.max_iter} iterations"
-        return f"{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
-
-
-def plan_denoising(
-    image: npt.ArrayLike,
-    *,
-    sigma: float | None = None,
-    p: float | None = None,
-    lam: float | npt.ArrayLike | None = None,
-    radius: float | None = None,
-    metric: Metric | None = None,
-    weights: Weights | npt.ArrayLike | None = None,
-    max_iter: int | None = None,
-    tol: float | None = None,
-    eps: float | None = None,
-    mask: npt.ArrayLike | None = None,
-    channel_axis: int | None = None,
-) -> DenoisePlan:
-    """Choose what :func:`denoise_image` would do; the parameters are the same, and what is given is kept.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As :func:`denoise_image`.
-
-    Notes
-    -----
-    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window: patches grow
-    with the noise, and are smaller in colour, where three channels tell as much as a larger patch of one; h falls as
-    they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten
-    photographs at sigma 10, 20, 40 of 255. With p other than 2, the unweighted 4-neighbour graph G_0 (p = 1: digital
-    total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the camera
-    picture for p = 1 and 1.5.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> image = np.random.default_rng(7).normal(0.5, 0.1, (64, 64))
-    >>> plan_denoising(image, p=1, sigma=0.1).describe()
-    'constant weights, 4 neighbours; p = 1, lam = 22, at most 200 iterations'
-    """
-    array = _checked(image, channel_axis, mask)
-    channels = 1 if channel_axis is None else array.shape[channel_axis]
-    for name, number in (("sigma", sigma), ("p", p)):
-        if number is not None and not (math.isfinite(number) and number >= 0):
-            raise ValueError(f"{name} must be finite and >= 0, got {number}")
-    estimated = sigma is None
-    noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
-    spread = _contrast(array, channel_axis, mask)
-    # Without weights that look at the data a wide window only blurs: the paper's G_0.
-    local = isinstance(weights, Constant) or (weights is None and p not in (None, 2))
-    if metric is None:
-        metric = "cityblock" if local and radius is None else "chebyshev"
-    opponent = False
-    # Half a grey level: what rounding alone may add.
-    negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
-    if negligible and estimated and lam is None and weights is None:
-        return DenoisePlan(noise, estimated, constant(), radius or 1, metric, p or 2.0, math.inf, 0, tol, eps)
-    if not local and p in (None, 2):
-        default_lam, default_radius, default_iterations = 2.0, 7.0, 1  # lam = 2: the centre counted once
-        if weights is None:
-            # The rule's unit is the 255th part of the contrast.
-            level = min(60.0, 255 * noise / spread) if spread > 0 else 60.0
-            opponent = channels == 3
-            a, h, share = (1.0 if channels == 1 else 0.5) + level / 40, 1.2 + level / 200, 1.0
-            if opponent:
-                # the noise's share of a distance in opponent colours, as a part of that in three equal channels
-                a, h, share = 0.8 * a, 1.15, math.sqrt((_OPPONENT**2).sum() / 3)
-            h *= noise / a
-            if h <= 0:
-                raise ValueError("without noise (sigma = 0) there is nothing to choose from: give the weights")
-            weights = patch(min(3, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
-            default_lam = 1.0
-    else:
-        degree = 2.0 if p is None else p
-        if lam is None and noise == 0:
-            raise ValueError("without noise (sigma = 0) there is nothing to choose lam from: give it")
-        weights = constant() if weights is None else weights
-        default_lam, default_radius = (2.2 * noise ** (degree - 2) if noise else 0.0), 1.0
-        default_iterations = 3 if degree == 2 else 200  # at p = 2 more sweeps only blur
-        if tol is None and max_iter is None and degree != 2:
-            tol = 1e-4
-    return DenoisePlan(
-        sigma=noise,
-        estimated=estimated,
-        weights=weights,
-        radius=default_radius if radius is None else radius,
-        metric=metric,
-        p=2.0 if p is None else float(p),
-        lam=default_lam if lam is None else lam,
-        max_iter=default_iterations if max_iter is None else max_iter,
-        tol=tol,
-        eps=eps,
-        opponent=opponent,
-    )
 
 
 def denoise_image(
@@ -311,17 +155,18 @@ def run_plan(
     -------
     Result
         Its value is the image, in the shape and dtype of `image`. An image whose weights would take more than 256 MiB
-        goes through in bands of rows, with a halo that makes the result the same; its energy is then not reported.
+        goes through in bands of rows, with a halo that makes the result the same; its energy is then not reported,
+        and an interruption leaves no iterate.
     """
     begin = time.perf_counter()
-    array = _checked(image, channel_axis, mask)
+    array = checked(image, channel_axis, mask)
     kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if _is_long(array.dtype) else np.float32)
     f0 = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
     f0 = f0.astype(np.result_type(kind, np.float32), copy=False)
     inside = None if mask is None else np.asarray(mask)
     grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=spacing, mask=inside)
     if inside is not None and not inside.all():
-        f0 = _filled(f0, inside)
+        f0 = filled(f0, inside)
     eps = plan.eps
     if eps is None and plan.p != 2:
         spread = float(f0.max() - f0.min()) or float(np.abs(f0).max()) or 1.0
@@ -335,16 +180,10 @@ def run_plan(
         result = _in_bands(f0, grid, plan, settings, progress)
     else:
         with _converted(array, channel_axis, inside):
-            settings["weights"] = _weights_of(plan, f0)
+            settings["weights"] = weights_of(plan, f0)
             result = regularize(f0, grid, callback=callback, progress=progress and plan.max_iter > 1, **settings)
     value = _as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
-
-
-def _weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLike:
-    if plan.opponent and isinstance(plan.weights, Weights):
-        return guided(plan.weights, f0.reshape(-1, 3) @ _OPPONENT.T)
-    return plan.weights
 
 
 def _in_bands(
@@ -376,8 +215,12 @@ def _in_bands(
                 spacing=grid.spacing,
                 mask=None if grid.mask is None else grid.mask[low:high],
             )
-            settings["weights"] = _weights_of(plan, f0[low:high])
-            result = regularize(f0[low:high], part, **settings)
+            settings["weights"] = weights_of(plan, f0[low:high])
+            try:
+                result = regularize(f0[low:high], part, **settings)
+            except Interrupted:
+                # A band's iterate is no iterate of the image.
+                raise KeyboardInterrupt from None
             value[first:last] = result.value[first - low : last - low]
             report(last)
     return replace(result, value=value, energy=np.empty(0), checks=np.empty(0, np.int64))
@@ -397,53 +240,6 @@ def _converted(
 
 def _is_long(dtype: np.dtype[Any]) -> bool:
     return dtype.kind in "iu" and dtype.itemsize > 2
-
-
-def _checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> npt.NDArray[Any]:
-    array = np.asarray(image)
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
-    if channel_axis is not None and not -array.ndim <= channel_axis < array.ndim:
-        raise ValueError(f"channel_axis must lie in {-array.ndim}..{array.ndim - 1}, got {channel_axis}")
-    cells = np.moveaxis(array, channel_axis, -1) if channel_axis is not None else array[..., None]
-    if cells.ndim < 3:
-        raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
-    if not array.size:
-        raise ValueError(f"image is empty, shape {array.shape}")
-    if mask is not None:
-        inside = np.asarray(mask)
-        if inside.dtype != np.bool_ or inside.shape != cells.shape[:-1]:
-            raise ValueError(
-                f"mask must be boolean of shape {cells.shape[:-1]}, got {inside.dtype} of shape {inside.shape}"
-            )
-        cells = cells[inside]
-    if not np.isfinite(cells).all():
-        bad = cells[~np.isfinite(cells)]
-        raise ValueError(f"image must be finite, got {bad[0]} at {len(bad)} place(s); a mask can leave them out")
-    return array
-
-
-def _filled(f0: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
-    """`f0` with pixels outside the mask replaced by the nearest inside, so that patches over them mean something."""
-    from scipy import ndimage
-
-    if not inside.any():
-        return np.zeros_like(f0)
-    nearest = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
-    filled: npt.NDArray[Any] = f0[tuple(nearest)]
-    return filled
-
-
-def _contrast(array: npt.NDArray[Any], channel_axis: int | None, mask: npt.ArrayLike | None) -> float:
-    """Range of the image without its noise: of a Gaussian-smoothed copy, over all channels."""
-    from scipy import ndimage
-
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    cells = cells.astype(np.float32)
-    if mask is not None:
-        cells = _filled(cells, np.asarray(mask))
-    smooth = ndimage.gaussian_filter(cells, (2.0,) * (cells.ndim - 1) + (0.0,))
-    return float(smooth.max() - smooth.min())
 
 
 def _as_image(

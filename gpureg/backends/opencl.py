@@ -1,7 +1,7 @@
 """OpenCL: any GPU with a driver, or a CPU through PoCL; the kernels are in ``kernels/opencl``.
 
 Programs are built once per device, primitive and set of build options, and kept; pyopencl keeps the binaries on disk.
-Functions and weights are laid out as ``grid.cl`` and ``csr.cl`` say.
+Functions and weights are laid out as ``opencl_layout.py`` says.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from .. import kernels
-from ..graph import FloatArray, Graph, GridGraph
+from ..graph import FloatArray, GridGraph
 from .base import (
     AnyGraph,
     Array,
@@ -32,11 +32,9 @@ from .base import (
     padded_for_patches,
     patch_jumps,
 )
+from .opencl_layout import CsrLayout, GridLayout, round_up
 
 GPU_TIER, CPU_TIER = 1, 2
-
-# Segments of a long sum: enough to fill a GPU, few enough for the host to add.
-_SEGMENTS = 4096
 
 
 def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
@@ -110,131 +108,10 @@ def _queue(device: cl.Device) -> _Queue:
     return _Queue(context, cl.CommandQueue(context), {}, threading.RLock())
 
 
-def _round_up(value: int, multiple: int) -> int:
-    return -(-value // multiple) * multiple
-
-
 @dataclass(frozen=True, eq=False)
 class _Function:
     buffer: cl.Buffer
     channels: int
-
-
-class _Csr:
-    """A stored graph on the device."""
-
-    kind = "csr"
-
-    def __init__(self, backend: OpenCLBackend, graph: Graph) -> None:
-        self.n, self.n_edges = graph.n_vertices, graph.n_edges
-        self.width = 1
-        wide = graph.indices.dtype == np.int64
-        self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
-        self.indptr = backend.upload(graph.indptr)
-        self.indices = backend.upload(graph.indices)
-        self.segment = max(1, -(-self.n // _SEGMENTS))
-        self.segments = (-(-self.n // self.segment),)
-        self.global_size: tuple[int, ...] = (self.n,)
-
-    def size(self, channels: int) -> int:
-        return self.n * channels
-
-    def pack(self, f: FloatArray) -> FloatArray:
-        return f
-
-    def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
-        return flat.reshape(self.n, channels)
-
-    def weight_size(self) -> int:
-        return self.n_edges
-
-    def pack_weights(self, weights: FloatArray) -> FloatArray:
-        return weights
-
-    def unpack_weights(self, flat: FloatArray) -> FloatArray:
-        return flat
-
-    def args(self, weights: cl.Buffer) -> list[Any]:
-        return [np.int64(self.n), self.indptr, self.indices, weights]
-
-
-class _Grid:
-    """An implicit grid on the device: the layout that ``grid.cl`` describes."""
-
-    kind = "grid"
-
-    def __init__(self, backend: OpenCLBackend, graph: GridGraph) -> None:
-        N = backend.lanes
-        self.graph, self.options = graph, ("-DGRID", f"-DNDIM={graph.ndim}")
-        self.W = graph.shape[-1]
-        self.rows = math.prod(graph.shape[:-1])
-        self.H = graph.half_window
-        offsets = graph.offsets
-        strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
-        row_jumps = offsets[:, :-1] @ np.array(strides, np.int64)
-        self.reach = int(np.abs(offsets[:, -1]).max(initial=0))
-        self.pitch = _round_up(self.W, N)
-        self.guard = _round_up(int(np.abs(row_jumps).max(initial=0)) * self.pitch + self.reach + N, N)
-        self.plane = 2 * self.guard + self.rows * self.pitch
-        self.weight_pitch = _round_up(self.pitch + self.reach, N)
-        self.weight_guard = _round_up(self.reach, N)
-        self.width = N
-        self.shape_buffer = backend.upload(np.array(graph.shape, np.int32))
-        self.offsets = backend.upload(offsets.astype(np.int32))
-        self.row_jumps = backend.upload(row_jumps.astype(np.int32))
-        packs = -(-self.W // N)
-        per_row = min(packs, max(1, -(-_SEGMENTS // self.rows)))
-        self.segment = -(-packs // per_row)
-        self.segments = (-(-packs // self.segment), self.rows)
-        self.global_size = (packs, self.rows)
-
-    def size(self, channels: int) -> int:
-        return self.plane * channels
-
-    def _rows(self, flat: FloatArray, channels: int) -> FloatArray:
-        inner = flat.reshape(channels, self.plane)[:, self.guard : self.guard + self.rows * self.pitch]
-        return inner.reshape(channels, self.rows, self.pitch)[:, :, : self.W]
-
-    def pack(self, f: FloatArray) -> FloatArray:
-        channels = f.shape[1]
-        flat = np.zeros(self.size(channels), f.dtype)
-        self._rows(flat, channels)[...] = f.reshape(self.rows, self.W, channels).transpose(2, 0, 1)
-        return flat
-
-    def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
-        return np.ascontiguousarray(self._rows(flat, channels).transpose(1, 2, 0)).reshape(-1, channels)
-
-    def weight_size(self) -> int:
-        return self.weight_guard + self.rows * self.H * self.weight_pitch + self.weight_guard
-
-    def _weight_rows(self, flat: FloatArray) -> FloatArray:
-        end = self.weight_guard + self.rows * self.H * self.weight_pitch
-        return flat[self.weight_guard : end].reshape(self.rows, self.H, self.weight_pitch)[:, :, : self.W]
-
-    def pack_weights(self, weights: FloatArray) -> FloatArray:
-        flat = np.zeros(self.weight_size(), weights.dtype)
-        self._weight_rows(flat)[...] = weights.reshape(self.H, self.rows, self.W).transpose(1, 0, 2)
-        return flat
-
-    def unpack_weights(self, flat: FloatArray) -> FloatArray:
-        half = self._weight_rows(flat).transpose(1, 0, 2)
-        return np.ascontiguousarray(half).reshape(self.H, *self.graph.shape)
-
-    def args(self, weights: cl.Buffer) -> list[Any]:
-        return [
-            np.int32(self.W),
-            np.int32(self.rows),
-            np.int64(self.pitch),
-            np.int64(self.plane),
-            np.int64(self.guard),
-            np.int32(self.H),
-            self.shape_buffer,
-            self.offsets,
-            self.row_jumps,
-            np.int64(self.weight_pitch),
-            np.int64(self.weight_guard),
-            weights,
-        ]
 
 
 class OpenCLBackend(Backend):
@@ -253,7 +130,7 @@ class OpenCLBackend(Backend):
             self._options += ("-DDOUBLE",)
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
-        self._topologies: weakref.WeakKeyDictionary[AnyGraph, _Csr | _Grid] = weakref.WeakKeyDictionary()
+        self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
 
     # Buffers
@@ -286,10 +163,14 @@ class OpenCLBackend(Backend):
             cl.enqueue_copy(self._shared.queue, host, buffer, is_blocking=True)
         return host
 
-    def _topology(self, graph: AnyGraph) -> _Csr | _Grid:
+    def _topology(self, graph: AnyGraph) -> CsrLayout | GridLayout:
         found = self._topologies.get(graph)
         if found is None:
-            found = _Grid(self, graph) if isinstance(graph, GridGraph) else _Csr(self, graph)
+            found = (
+                GridLayout(self.upload, graph, self.lanes)
+                if isinstance(graph, GridGraph)
+                else CsrLayout(self.upload, graph)
+            )
             self._topologies[graph] = found
         return found
 
@@ -335,22 +216,27 @@ class OpenCLBackend(Backend):
         weighted: Weighted,
         args: list[Any],
         options: tuple[str, ...] = (),
-        global_size: tuple[int, ...] | None = None,
+        size: tuple[int, ...] | None = None,
+        *,
+        exact: bool = False,
     ) -> None:
-        topology = weighted.topology
-        options = (*topology.options, f"-DN={topology.width}", *options)
+        """Run a kernel over the graph's packs, or over `size` work items.
+
+        A kernel that numbers its work items by their count (a sum) asks for an `exact` size; others may get more on a
+        GPU, where the driver, left to choose, would take groups of 1 for a prime size.
+        """
+        layout = weighted.topology
+        options = (*layout.options, f"-DN={layout.width}", *options)
         if weighted.weights is not None:
             options += ("-DWEIGHTED",)
-        size = topology.global_size if global_size is None else global_size
-        local = None
-        if self.device.kind == "gpu":
-            # A driver left to choose takes groups of 1 where a size is prime.
+        size, local = size or layout.global_size, None
+        if self.device.kind == "gpu" and not exact:
             local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
-            size = (_round_up(size[0], local[0]), *size[1:])
+            size = (round_up(size[0], local[0]), *size[1:])
         weights = self._nothing if weighted.weights is None else weighted.weights
         with self._shared.lock:
             kernel = self._kernel(primitive, options)
-            kernel(self._shared.queue, size, local, *topology.args(weights), *args)
+            kernel(self._shared.queue, size, local, *layout.args(weights), *args)
 
     def _lam(self, lam: float | Array) -> tuple[list[Any], tuple[str, ...]]:
         if isinstance(lam, _Function):
@@ -369,7 +255,7 @@ class OpenCLBackend(Backend):
         window = form.window(len(shape))
         jumps = patch_jumps(window.shape, shape)
         # Packs at the border read a little past either end; the lanes concerned are not used.
-        margin = topology.reach + topology.width if isinstance(topology, _Grid) else 0
+        margin = topology.reach + topology.width if isinstance(topology, GridLayout) else 0
         flat = np.zeros((channels, padded[0].size + 2 * margin), self.dtype)
         flat[:, margin : margin + padded[0].size] = padded.reshape(channels, -1)
         options: tuple[str, ...] = (f"-DM={channels}",)
@@ -387,7 +273,7 @@ class OpenCLBackend(Backend):
         ]
         weights = self._zeros(topology.weight_size())
         target = Weighted(graph, topology, None)
-        if isinstance(topology, _Grid):
+        if isinstance(topology, GridLayout):
             assert isinstance(graph, GridGraph)
             if not topology.H:
                 return Weighted(graph, topology, weights)
@@ -448,18 +334,11 @@ class OpenCLBackend(Backend):
     def _partial(
         self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
     ) -> Any:
-        topology = weighted.topology
-        count = math.prod(topology.segments)
+        """One number per segment of the graph."""
+        layout = weighted.topology
+        count = math.prod(layout.segments)
         out = self._allocate(count * np.dtype(dtype).itemsize)
-        # The size is exact here: its first axis also numbers the segments, and few work items do long work.
-        with self._shared.lock:
-            kernel_options = (*topology.options, f"-DN={topology.width}", *options)
-            if weighted.weights is not None:
-                kernel_options += ("-DWEIGHTED",)
-            weights = self._nothing if weighted.weights is None else weighted.weights
-            kernel = self._kernel(primitive, kernel_options)
-            arguments = [*topology.args(weights), np.int64(topology.segment), *args, out]
-            kernel(self._shared.queue, topology.segments, None, *arguments)
+        self._run(primitive, weighted, [np.int64(layout.segment), *args, out], options, layout.segments, exact=True)
         return self._download(out, count, dtype)
 
     def energy(
