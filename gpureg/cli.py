@@ -59,8 +59,11 @@ class _Group(click.Group):
         except click.ClickException as error:
             error.show()
             sys.exit(error.exit_code)
-        except BrokenPipeError:
-            # The reader of our output has gone: end without a word, and without the interpreter's own.
+        except OSError as error:
+            # Standard output refuses: its reader has gone, which needs no word, or its disk is full.
+            if not isinstance(error, BrokenPipeError):
+                click.echo(f"gpureg: standard output: {error.strerror}", err=True)
+            # What is still buffered goes nowhere, or the interpreter would complain at its end.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1)
 
@@ -118,12 +121,22 @@ def _three_lines(report: dict[str, Any]) -> str:
     )
 
 
+# Options that belong to one weight function alone.
+_OPTIONS_OF_WEIGHTS = {
+    "patch_radius": "patch",
+    "h": "patch",
+    "patch_std": "patch",
+    "sigma_space": "bilateral",
+    "sigma_value": "bilateral",
+}
+
+
 @main.command(
     epilog="Example: gpureg denoise noisy.png clean.png    "
     "With total variation instead: gpureg denoise noisy.png clean.png --p 1"
 )
-@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
-@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path, readable=False))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path, readable=False))
 @click.option("--sigma", type=float, help="Noise's standard deviation in pixel values.  [default: estimated]")
 @click.option("--p", type=float, help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.  [default: 2]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to the picture.")
@@ -150,7 +163,9 @@ def _three_lines(report: dict[str, Any]) -> str:
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON on standard output.")
 @click.option("--quiet", is_flag=True, help="Report nothing.")
 @click.option("--progress/--no-progress", default=None, help="Progress bar.  [default: on a terminal]")
+@click.pass_context
 def denoise(
+    context: click.Context,
     source: Path,
     target: Path,
     sigma: float | None,
@@ -178,6 +193,10 @@ def denoise(
     PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. With no option the noise is estimated and
     the rest follows from it.
     """
+    for name, owner in _OPTIONS_OF_WEIGHTS.items():
+        given_here = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+        if given_here and owner != kind:
+            raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
 
     def work() -> dict[str, Any]:
         picture = read_picture(source)
@@ -186,19 +205,20 @@ def denoise(
         given: dict[str, Any] = {"sigma": sigma, "p": p, "lam": lam, "radius": radius, "metric": metric}
         given |= {"max_iter": max_iter, "tol": tol, "eps": eps}
         function = None
+        lacks = {"bilateral": sigma_value is None, "patch": h is None}.get(kind or "", False)
         if kind is not None:
             noise = plan_denoising(picture.pixels, sigma=sigma, p=1, lam=1, channel_axis=axis).sigma
             samples = (2 * patch_radius + 1) ** 2 if patch_std is None else 1
             channels = 1 if axis is None else picture.pixels.shape[axis]
-            if kind == "constant":
+            if lacks and noise == 0:
+                pass  # nothing to choose from, and nothing to do
+            elif kind == "constant":
                 function = weights.constant()
             elif kind == "bilateral":
                 function = weights.bilateral(sigma_space, 3 * noise if sigma_value is None else sigma_value)
             else:
                 reach = 0.6 * noise * math.sqrt(samples * channels) if h is None else h
                 function = weights.patch(patch_radius, reach, sigma=noise, a=patch_std)
-            if radius is None and kind != "constant":
-                given["radius"] = 7.0
         plan = plan_denoising(picture.pixels, weights=function, channel_axis=axis, **given)
         show = sys.stderr.isatty() if progress is None else progress
         result = run_plan(
@@ -215,7 +235,7 @@ def denoise(
 
 
 @main.command(epilog="Example: gpureg demo")
-@click.argument("target", metavar="[OUT]", default="gpureg-demo.png", type=click.Path(path_type=Path))
+@click.argument("target", metavar="[OUT]", default="gpureg-demo.png", type=click.Path(path_type=Path, readable=False))
 @click.option("--sigma", type=float, default=20.0, show_default=True, help="Noise to add, of 255.")
 @click.option("--backend", default="auto", show_default=True, help="Where to run.")
 def demo(target: Path, sigma: float, backend: str) -> None:
@@ -223,8 +243,8 @@ def demo(target: Path, sigma: float, backend: str) -> None:
 
     def work() -> None:
         check_destination(target)
-        if not (math.isfinite(sigma) and sigma > 0):
-            raise ValueError(f"--sigma must be finite and > 0, got {sigma}")
+        if not (math.isfinite(sigma) and sigma >= 1):
+            raise ValueError(f"--sigma must be finite and >= 1 (less drowns in rounding to 8 bits), got {sigma}")
         try:
             from skimage import data
 

@@ -198,6 +198,8 @@ class Graph:
         pairs = _integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
         if pairs.shape[1] != 2:
             raise ValueError(f"edges must have shape (E, 2), got {pairs.shape}")
+        if n_vertices is not None and (isinstance(n_vertices, bool) or not isinstance(n_vertices, int | np.integer)):
+            raise TypeError(f"n_vertices must be an integer, got {n_vertices!r}")
         n = int(pairs.max()) + 1 if n_vertices is None and len(pairs) else n_vertices
         if n is None or n < 1:
             raise ValueError("a graph without edges needs n_vertices >= 1")
@@ -318,7 +320,7 @@ class GridGraph:
         mask: npt.ArrayLike | None = None,
     ) -> None:
         sizes = tuple(np.atleast_1d(np.asarray(shape)).tolist())
-        if not sizes or any(not isinstance(s, int) or s < 1 for s in sizes):
+        if not sizes or any(type(s) is not int or s < 1 for s in sizes):
             raise ValueError(f"shape must hold one or more integers >= 1, got {shape}")
         if metric not in METRICS:
             raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
@@ -327,6 +329,8 @@ class GridGraph:
             steps = tuple(float(s) for s in spacing)
             if len(steps) != len(sizes) or not all(math.isfinite(s) and s > 0 for s in steps):
                 raise ValueError(f"spacing must hold {len(sizes)} finite numbers > 0, got {spacing}")
+        if isinstance(radius, bool) or not isinstance(radius, int | float | np.integer | np.floating):
+            raise TypeError(f"radius must be a number, got {radius!r}")
         if not (math.isfinite(radius) and radius >= min(steps or (1.0,))):
             raise ValueError(f"radius must be finite and reach the nearest neighbour, got {radius}")
         inside: npt.NDArray[np.bool_] | None = None
@@ -453,15 +457,16 @@ class GridGraph:
         positions = np.stack(np.unravel_index(np.arange(self.n_vertices), self.shape), axis=-1) * steps
         return Graph(indptr, indices, weights, positions, self)
 
-    def half_to_edges(self, half: FloatArray) -> FloatArray:
+    def half_to_edges(self, half: npt.ArrayLike) -> FloatArray:
         """Weights stored once per pair, (K/2, *shape), as one per directed edge in the order of :meth:`to_graph`."""
         H, n = self.half_window, self.n_vertices
-        if half.shape != (H, *self.shape):
-            raise ValueError(f"half weights must have shape {(H, *self.shape)}, got {half.shape}")
-        flat = half.reshape(H, n)
+        planes: FloatArray = np.asarray(half)
+        if planes.shape != (H, *self.shape):
+            raise ValueError(f"half weights must have shape {(H, *self.shape)}, got {planes.shape}")
+        flat = planes.reshape(H, n)
         values = []
         for u, v, exists in self._edge_blocks():
-            table = np.empty(v.shape, half.dtype)
+            table = np.empty(v.shape, planes.dtype)
             for k in range(2 * H):
                 plane = k - H if k >= H else H - 1 - k
                 table[:, k] = flat[plane, u if k >= H else np.where(exists[:, k], v[:, k], 0)]

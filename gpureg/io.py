@@ -5,10 +5,14 @@ Pillow reads and writes JPEG and 8-bit PNG, imagecodecs 16-bit PNG (Pillow narro
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import secrets
-from collections.abc import Callable
+import shutil
+import struct
+import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 FORMATS = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".jpg": "JPEG", ".jpeg": "JPEG"}
+
+
+_JPEG_SIDE = 65500  # libjpeg's limit
 
 
 class PictureError(OSError):
@@ -61,7 +68,7 @@ def _split(array: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], npt.N
 def read_picture(path: str | os.PathLike[str]) -> Picture:
     """Read a PNG, TIFF or JPEG file; its content decides, not its name.
 
-    A JPEG comes upright, as its EXIF tag says.
+    A picture comes upright, as its EXIF or TIFF tag says, and its colours not multiplied by alpha.
 
     Raises
     ------
@@ -100,12 +107,16 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
 def _read_with_pillow(data: bytes, where: str) -> Picture:
     from PIL import Image, ImageOps
 
-    with Image.open(io.BytesIO(data)) as opened:
+    with _any_size(), Image.open(io.BytesIO(data)) as opened:
+        frames: int = getattr(opened, "n_frames", 1)
+        if frames != 1:
+            raise PictureError(f"{where} is an animation of {frames} frames; give a single picture")
         opened.load()  # a truncated file is found out here
         profile = opened.info.get("icc_profile")
         image = ImageOps.exif_transpose(opened)
     if image.mode == "P" or "transparency" in image.info:
-        image = image.convert("RGBA" if "transparency" in image.info else "RGB")
+        grey = image.mode == "L"
+        image = image.convert(("LA" if grey else "RGBA") if "transparency" in image.info else "RGB")
     elif image.mode not in ("L", "LA", "RGB", "RGBA"):
         # Bilevel becomes grey, CMYK and YCbCr become RGB; a profile of CMYK does not fit then.
         profile = profile if image.mode == "1" else None
@@ -114,10 +125,44 @@ def _read_with_pillow(data: bytes, where: str) -> Picture:
     return Picture(pixels, alpha, profile)
 
 
+@contextlib.contextmanager
+def _any_size() -> Iterator[None]:
+    """Pillow without its guard against large pictures, which would refuse an honest scan of 180 megapixels."""
+    from PIL import Image
+
+    guard, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = guard
+
+
 def _read_deep_png(data: bytes, where: str) -> Picture:
     import imagecodecs
 
-    return Picture(*_split(imagecodecs.png_decode(data), where))
+    return Picture(*_split(imagecodecs.png_decode(data), where), _png_profile(data))
+
+
+def _png_profile(data: bytes) -> bytes | None:
+    """The colour profile in a PNG's iCCP chunk, which imagecodecs passes over."""
+    at = 8
+    while at + 8 <= len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        if kind == b"iCCP":
+            _, _, packed = data[at + 8 : at + 8 + length].partition(b"\0")
+            return zlib.decompress(packed[1:])
+        if kind == b"IDAT":
+            return None
+        at += 12 + length
+    return None
+
+
+def _with_png_profile(data: bytes, profile: bytes) -> bytes:
+    """A PNG with an iCCP chunk behind its header."""
+    body = b"iCCP" + b"ICC Profile\0\0" + zlib.compress(profile)
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    end_of_header = 8 + 12 + 13
+    return data[:end_of_header] + chunk + data[end_of_header:]
 
 
 def _read_tiff(data: bytes, where: str) -> Picture:
@@ -127,19 +172,48 @@ def _read_tiff(data: bytes, where: str) -> Picture:
         if len(file.pages) != 1:
             raise PictureError(f"{where} is a stack of {len(file.pages)} pages; give a picture of one page")
         page: Any = file.pages[0]
+        known = tifffile.PHOTOMETRIC
+        if page.photometric not in (known.MINISBLACK, known.MINISWHITE, known.RGB, known.YCBCR):
+            name = getattr(page.photometric, "name", str(page.photometric)).lower()
+            raise PictureError(f"{where} has {name} colours; convert it to grey or RGB first")
+        if page.bitspersample not in (1, 8, 16, 32, 64):
+            raise PictureError(f"{where} has {page.bitspersample} bits per sample; 1, 8, 16 and float can be treated")
         array = page.asarray()
-        if page.photometric in (tifffile.PHOTOMETRIC.PALETTE, tifffile.PHOTOMETRIC.SEPARATED):
-            raise PictureError(f"{where} has {page.photometric.name.lower()} colours; convert it to grey or RGB first")
         if array.ndim == 3 and page.planarconfig == tifffile.PLANARCONFIG.SEPARATE:
             array = np.moveaxis(array, 0, -1)
-        if page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and array.dtype.kind == "u":
-            array = np.iinfo(array.dtype).max - array
-        if array.dtype == np.bool_:
+        if page.bitspersample == 1:
             array = array.astype(np.uint8) * np.uint8(255)
-        if array.dtype.byteorder == ">":
-            array = array.astype(array.dtype.newbyteorder("="))
-        profile = page.tags.get(34675)
-        return Picture(*_split(array, where), None if profile is None else bytes(profile.value))
+        if page.photometric == known.MINISWHITE and array.dtype.kind == "u":
+            array = np.iinfo(array.dtype).max - array
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
+        profile, orientation = page.tags.get(34675), page.tags.get(274)
+        if orientation is not None:
+            array = _upright(array, int(orientation.value))
+        pixels, alpha = _split(array, where)
+        if alpha is not None and tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples:
+            pixels = _unassociated(pixels, alpha)
+        return Picture(pixels, alpha, None if profile is None else bytes(profile.value))
+
+
+def _upright(array: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """A picture turned as the orientation tag of TIFF and EXIF says, 1 to 8."""
+    if orientation in (5, 6, 7, 8):  # rows and columns are exchanged
+        array = np.swapaxes(array, 0, 1)
+    if orientation in (3, 4, 7, 8):
+        array = array[::-1]
+    if orientation in (2, 3, 6, 7):
+        array = array[:, ::-1]
+    return array
+
+
+def _unassociated(pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Colours that were multiplied by alpha, divided by it again; black where nothing is seen."""
+    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
+    opacity = (alpha if pixels.ndim == 2 else alpha[..., None]).astype(np.float64)
+    colours = np.divide(pixels * float(white), opacity, out=np.zeros(pixels.shape), where=opacity > 0)
+    if pixels.dtype.kind == "u":
+        colours = np.clip(np.rint(colours), 0, white)
+    return colours.astype(pixels.dtype)
 
 
 def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
@@ -151,22 +225,29 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
         An unknown extension, a folder that does not exist or may not be written, a format that does not hold the
         picture.
     """
-    target = Path(path)
-    kind = FORMATS.get(target.suffix.lower())
+    target = Path(os.path.realpath(path))
+    kind = FORMATS.get(Path(path).suffix.lower())
     if kind is None:
         raise PictureError(f"{path}: the extension must be one of {', '.join(FORMATS)}")
-    if not target.parent.is_dir():
-        raise PictureError(f"{path}: the folder {target.parent} does not exist")
-    if target.is_dir():
-        raise PictureError(f"{path} is a folder")
-    if not os.access(target.parent, os.W_OK) or (target.exists() and not os.access(target, os.W_OK)):
-        raise PictureError(f"{path}: no permission to write there")
+    try:
+        if not target.parent.is_dir():
+            raise PictureError(f"{path}: the folder {Path(path).parent} does not exist")
+        if target.is_dir():
+            raise PictureError(f"{path} is a folder")
+        if not os.access(target.parent, os.W_OK) or (target.exists() and not os.access(target, os.W_OK)):
+            raise PictureError(f"{path}: no permission to write there")
+    except PictureError:
+        raise
+    except OSError as error:  # a name that is too long, for one
+        raise PictureError(f"{path} cannot be written: {error.strerror}") from None
     if picture is None:
         return
     if kind == "JPEG" and picture.alpha is not None:
         raise PictureError(f"{path}: JPEG holds no alpha channel; write PNG or TIFF")
     if kind == "JPEG" and picture.pixels.dtype != np.uint8:
         raise PictureError(f"{path}: JPEG holds 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
+    if kind == "JPEG" and max(picture.pixels.shape[:2]) > _JPEG_SIDE:
+        raise PictureError(f"{path}: JPEG holds sides of {_JPEG_SIDE} pixels at most; write PNG or TIFF")
     if kind == "PNG" and picture.pixels.dtype.kind == "f":
         raise PictureError(f"{path}: PNG holds no {picture.pixels.dtype} pixels; write TIFF")
 
@@ -192,15 +273,19 @@ def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
     """Call `write` with a temporary name in the folder of `path`, then rename; nothing is left behind on failure."""
-    target = Path(path)
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    # A link stays one: what it points to is replaced.
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
     try:
         write(temporary)
+        if target.exists():
+            shutil.copymode(target, temporary)
         os.replace(temporary, target)
     except OSError as error:
         raise PictureError(f"{path} cannot be written: {error.strerror or error}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _encode(kind: str, array: npt.NDArray[Any], picture: Picture) -> bytes:
@@ -223,7 +308,8 @@ def _encode(kind: str, array: npt.NDArray[Any], picture: Picture) -> bytes:
     if array.dtype == np.uint16:
         import imagecodecs
 
-        return bytes(imagecodecs.png_encode(array))
+        encoded = bytes(imagecodecs.png_encode(array))
+        return encoded if picture.icc_profile is None else _with_png_profile(encoded, picture.icc_profile)
     from PIL import Image
 
     extra: dict[str, Any] = {} if picture.icc_profile is None else {"icc_profile": picture.icc_profile}

@@ -69,7 +69,8 @@ def estimate_noise(
             if not np.isfinite(plane[kept]).all():
                 raise ValueError("image must be finite where the mask lets it count")
             if kept.any():
-                variances.append(_plane_sigma(np.where(kept, plane, plane[kept].mean()), kept) ** 2)
+                with np.errstate(over="ignore", invalid="ignore"):  # values beyond 1e150 give infinity
+                    variances.append(_plane_sigma(np.where(kept, plane, plane[kept].mean()), kept) ** 2)
     return math.sqrt(sum(variances) / len(variances)) if variances else 0.0
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import Metric
+from .graph import GridGraph, Metric
 from .noise import estimate_noise
 from .weights import Bilateral, Constant, Patch, Weights, constant, guided, patch
 
@@ -53,7 +53,8 @@ class DenoisePlan:
     def describe(self) -> str:
         """The plan in one line."""
         if self.max_iter == 0:
-            return "nothing to do: no noise was found"
+            found = np.ndim(self.lam) == 0 and self.lam == math.inf
+            return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
         side = 2 * int(self.radius) + 1
         w, window = self.weights, f"{side}x{side} window"
         if self.metric != "chebyshev":
@@ -115,12 +116,19 @@ def plan_denoising(
     """
     array = checked(image, channel_axis, mask)
     channels = 1 if channel_axis is None else array.shape[channel_axis]
-    for name, number in (("sigma", sigma), ("p", p)):
-        if number is not None and not (math.isfinite(number) and number >= 0):
-            raise ValueError(f"{name} must be finite and >= 0, got {number}")
+    if sigma is not None and not (math.isfinite(sigma) and sigma >= 0):
+        raise ValueError(f"sigma must be finite and >= 0, got {sigma}")
+    if p is not None and not (math.isfinite(p) and p > 0):
+        raise ValueError(f"p must be finite and > 0, got {p}")
+    if max_iter is not None and max_iter < 0:
+        raise ValueError(f"max_iter must be >= 0, got {max_iter}")
+    # Asks for the window's own checks, whatever becomes of it.
+    GridGraph((1,) * (array.ndim - (channel_axis is not None)), 1 if radius is None else radius, metric or "chebyshev")
     estimated = sigma is None
     noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
     spread = _contrast(array, channel_axis, mask)
+    if not (math.isfinite(noise) and math.isfinite(spread)):
+        raise ValueError("the image's values are too large to tell signal from noise: rescale them")
     # Without weights that look at the data a wide window only blurs: the paper's G_0.
     local = isinstance(weights, Constant) or (weights is None and p not in (None, 2))
     if metric is None:
@@ -128,8 +136,9 @@ def plan_denoising(
     opponent = False
     # Half a grey level: what rounding alone may add.
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
-    if negligible and estimated and lam is None and weights is None:
-        return DenoisePlan(noise, estimated, constant(), radius or 1, metric, p or 2.0, math.inf, 0, tol, eps)
+    if negligible and estimated and weights is None and (lam is None or not local):
+        reach, degree = 1.0 if radius is None else radius, 2.0 if p is None else float(p)
+        return DenoisePlan(noise, estimated, constant(), reach, metric, degree, math.inf, 0, tol, eps)
     if not local and p in (None, 2):
         default_lam, default_radius, default_iterations = 2.0, 7.0, 1  # lam = 2: the centre counted once
         if weights is None:
@@ -217,8 +226,9 @@ def _contrast(array: npt.NDArray[Any], channel_axis: int | None, mask: npt.Array
     from scipy import ndimage
 
     cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    cells = cells.astype(np.float32)
+    with np.errstate(over="ignore"):
+        cells = cells.astype(np.float32)
     if mask is not None:
         cells = filled(cells, np.asarray(mask))
     smooth = ndimage.gaussian_filter(cells, (2.0,) * (cells.ndim - 1) + (0.0,))
-    return float(smooth.max() - smooth.min())
+    return float(smooth.max()) - float(smooth.min())

@@ -3,7 +3,7 @@
 A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the
 form s(u, v) exp(-patch distance) are computed there; any other derives from :class:`EdgeWeights` and says in
 numpy what the weight between arrays of vertices is. To add one: a class, a function below it, and a row in
-``tests/cases.py``.
+``tests/test_weights.py``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class EdgeWeights(Weights):
                 vertices[start].shape
             )
         if graph.mask is not None:
-            half *= graph.unit_half_weights() > 0
+            half[graph.unit_half_weights() == 0] = 0
         return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
 
 

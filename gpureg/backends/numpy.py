@@ -131,7 +131,7 @@ class NumpyBackend(Backend):
                 inside, _ = graph.ends(step)
                 weights[h][inside] = self._similarity(rho, form, spatial)
             if graph.mask is not None:
-                weights *= graph.unit_half_weights() > 0
+                weights[graph.unit_half_weights() == 0] = 0
             return Weighted(graph, None, weights)
         ndim = 1 if graph.grid is None else graph.grid.ndim
         window = form.window(ndim).astype(self.dtype)

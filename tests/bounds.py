@@ -1,0 +1,166 @@
+"""How far a device may be from the exact value of a primitive: forward error analysis, one function a primitive.
+
+Counting (Higham, Accuracy and Stability of Numerical Algorithms, chapters 3 and 4). u is the unit roundoff, 2^-24 or
+2^-53. An operation is off by a factor 1 + delta with |delta| <= u; a product of k such factors is within
+gamma(k) = k u/(1 - k u) of 1, and so is a quotient of a product of i by one of k - i. A sum of k terms puts at most k
+such factors on each term, whatever the order of its additions, and fused multiply-adds only save factors; a term that
+is 0 costs nothing, so the lanes and offsets that lead out of a grid do not count. ("At most k": k - 1 additions, and
+one for the accumulator that a kernel may start from.)
+
+What the OpenCL standard grants beyond that (1 ulp is at most 2 u of the value): division 2.5 ulp = 5 u, sqrt 3 ulp =
+6 u, exp 3 ulp = 6 u, pow 16 ulp = 32 u. CUDA, Warp's CPU code and numpy are sharper. Subnormal results may be flushed
+to 0.
+
+All inputs are exact in the device's type (tests see to that), except where a bound says otherwise. The exact value is
+represented by the float64 oracle, whose own rounding obeys the same bounds with u = 2^-53: it widens a float32 bound by
+a factor 1 + 2^-29, and doubles a float64 bound.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cases
+import numpy as np
+
+from gpureg.backends import PatchForm
+from gpureg.graph import FloatArray, Graph
+
+DIVISION, EXP, POW = 5, 6, 32  # in units of u
+
+
+class Bounds:
+    """Bounds for one graph with its weights, in one type."""
+
+    def __init__(self, graph: cases.AnyGraph, weights: FloatArray | None, dtype: str) -> None:
+        csr = graph if isinstance(graph, Graph) else graph.to_graph(weights)
+        self.n = graph.n_vertices
+        self.dtype = np.dtype(dtype)
+        self.u = cases.UNIT_ROUNDOFF[dtype]
+        self.rows, self.columns = csr.edge_rows(), csr.indices
+        self.w = np.ones(len(self.rows)) if csr.weights is None else csr.weights.astype(np.float64)
+        self.neighbours = np.bincount(self.rows, minlength=self.n)[:, None]
+        self.slack = 1 + cases.UNIT_ROUNDOFF["float64"] / self.u
+
+    def gamma(self, k: float | np.ndarray) -> np.ndarray:
+        """Relative error of k roundings."""
+        k = np.asarray(k, float)
+        return k * self.u / (1 - k * self.u)
+
+    def _sum(self, terms: FloatArray) -> FloatArray:
+        """Sums over the edges of each vertex, (n, columns of terms)."""
+        return np.stack([np.bincount(self.rows, t, minlength=self.n) for t in terms.T], axis=-1)
+
+    def degree(self) -> FloatArray:
+        """D weights added."""
+        return self.slack * self.gamma(self.neighbours) * self._sum(self.w[:, None])
+
+    def _raised(self, q: FloatArray, relative: FloatArray, power: float) -> FloatArray:
+        """Relative error of q^power where q > 0 is known to `relative`.
+
+        (1 + e)^s with |e| <= r is within (1 - r)^-|s| of 1. The exponent itself is rounded to the device's type, off by
+        d: a factor q^d. Then pow's own error. (1/sqrt, which stands in for the power -1/2, has 11 u of its own.)
+        """
+        if power == 1:
+            return relative
+        rounded = float(self.dtype.type(power))
+        power_off = abs(rounded - power) * (np.abs(np.log(q)) + 2 * relative)
+        base_off = -abs(rounded) * np.log1p(-relative)
+        return np.expm1(power_off + base_off + math.log1p(float(self.gamma(POW))))
+
+    def _squared_gradient(self, channels: int, coupled: bool) -> FloatArray:
+        """Relative error of |grad f|^2 + eps^2, a sum of nonnegative terms.
+
+        The difference of f counts twice, times itself and times w: 4 roundings a term; D terms for each channel that
+        shares the norm; eps times itself 1, which is less than a term's; the last addition 1.
+        """
+        return self.gamma(self.neighbours * (channels if coupled else 1) + 5)
+
+    def gradient_norm(self, q: FloatArray, power: float, channels: int, coupled: bool) -> FloatArray:
+        """`q` is the exact |grad f|^2 + eps^2."""
+        relative = self._raised(q, self._squared_gradient(channels, coupled), power)
+        return self.slack * relative * q**power
+
+    def p_laplacian(self, f: FloatArray, g: FloatArray | None) -> FloatArray:
+        """Terms w (g_u + g_v) (f_u - f_v) of 4 roundings, D of them, of both signs: relative to the sum of their sizes.
+
+        Warp multiplies in another order, with as many roundings.
+        """
+        terms = self._conductance(g) * np.abs(f[self.rows] - f[self.columns])
+        return self.slack * self.gamma(self.neighbours + 4) * self._sum(terms)
+
+    def _conductance(self, g: FloatArray | None) -> FloatArray:
+        pair = 2.0 if g is None else g[self.rows] + g[self.columns]
+        return self.w[:, None] * pair
+
+    def jacobi_step(
+        self, f: FloatArray, f0: FloatArray, g: FloatArray | None, lam: float | FloatArray, theta: float
+    ) -> FloatArray:
+        """The quotient (lam f0 + sum a f_v)/(lam + sum a), then f + theta (quotient - f).
+
+        A numerator's term a f_v has 3 roundings and D additions, one more for lam f0: D + 4. A denominator's has 2,
+        D and 1: D + 3. With the division D + D + 7 + 5 on each term, relative to the quotient of the sum of the terms'
+        sizes by the denominator. Where theta is not 1 that error shrinks by theta, and a subtraction, a multiplication
+        and an addition put 3 roundings on theta |quotient - f| and 1 on |f|.
+        Vertices that keep their data are exact.
+        """
+        lam = np.broadcast_to(np.asarray(lam, float), (self.n, 1))
+        pinned = np.isinf(lam)
+        lam = np.where(pinned, 0, lam)
+        a = self._conductance(g)
+        total = lam + self._sum(np.broadcast_to(a, (len(a), a.shape[1])))
+        keeps = pinned | (total == 0)
+        divisor = np.where(total == 0, 1, total)
+        sizes = (lam * np.abs(f0) + self._sum(a * np.abs(f[self.columns]))) / divisor
+        quotient = (lam * f0 + self._sum(a * f[self.columns])) / divisor
+        bound = self.gamma(2 * self.neighbours + 7 + DIVISION) * sizes
+        if theta != 1:
+            moving = self.gamma(3) * (theta * np.abs(quotient - f) + np.abs(f))
+            bound = (1 + self.gamma(3)) * theta * bound + moving
+        return self.slack * np.where(keeps, 0, bound)
+
+    def energy(
+        self, q: FloatArray, f: FloatArray, f0: FloatArray, lam: float | FloatArray, p: float, coupled: bool
+    ) -> float:
+        """Nonnegative terms per vertex, then a long sum.
+
+        q^(p/2)/p: the power's error, the division 5, p's own rounding 1, an addition per gradient norm. lam/2
+        |f - f0|^2: 2 for the difference, 1 for its square, M additions, 2 for lam, an addition per gradient norm. The
+        long sum adds n numbers in float64, or with compensation: 4 u covers that and the rounding of the parts.
+        """
+        channels, norms = f.shape[1], q.shape[1]
+        lam = np.broadcast_to(np.asarray(lam, float), (self.n, 1))
+        lam = np.where(np.isinf(lam), 0, lam)
+        relative = self._raised(q, self._squared_gradient(channels, coupled), p / 2)
+        smoothness = q ** (p / 2) / p
+        fidelity = lam / 2 * ((f - f0) ** 2).sum(axis=1, keepdims=True)
+        parts = (smoothness * ((1 + relative) * (1 + self.gamma(DIVISION + 1 + norms)) - 1)).sum()
+        parts += (fidelity * self.gamma(channels + 5 + norms)).sum()
+        total = smoothness.sum() + fidelity.sum()
+        return self.slack * float(parts + total * (4 * self.u + self.n * cases.UNIT_ROUNDOFF["float64"]))
+
+    def max_change(self, change: float) -> float:
+        """One subtraction; the largest of rounded numbers is the largest one, rounded."""
+        return self.slack * self.u * change
+
+    def patch_distance(
+        self, rho: FloatArray, form: PatchForm, spatial: FloatArray, channels: int, ndim: int
+    ) -> FloatArray:
+        """`rho` is the exact distance, `spatial` its factor, both per weight.
+
+        Terms g_j d d of 4 roundings, g_j rounded once (once an axis where it is applied axis by axis), P M additions.
+        Then max(rho - shift, 0) scale: shift and scale are rounded to the type, a subtraction and a multiplication; the
+        exponential turns that absolute error into a relative one and adds its own; the spatial factor is rounded and
+        multiplied: 2. A similarity below the type's normal range may be flushed.
+        """
+        relative = self.gamma(len(form.profile) ** ndim * channels + 4 + ndim)
+        if form.scale is None:
+            return self.slack * relative * rho
+        kept = np.maximum(rho - form.shift, 0)
+        exponent = kept * form.scale
+        exponent_off = (relative * rho + self.u * form.shift) * form.scale * (1 + self.gamma(4)) + self.gamma(
+            4
+        ) * exponent
+        similarity = spatial * np.exp(-exponent)
+        off = (1 + np.expm1(exponent_off)) * (1 + self.gamma(EXP + 2)) - 1
+        return self.slack * (off * similarity + np.finfo(self.dtype).tiny * (spatial > 0))

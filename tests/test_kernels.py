@@ -1,0 +1,97 @@
+"""The kernel sources as texts: complete in every language, explained, and each one compiles alone."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from gpureg import backends, kernels
+
+# Not primitives: number types, and how to reach a vertex's neighbours.
+PARTS = {"reals", "csr", "grid"}
+PRIMITIVES = sorted(path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS)
+
+
+def test_the_primitives_of_the_protocol_have_a_kernel_each():
+    assert PRIMITIVES == [
+        "degree",
+        "energy",
+        "gradient_norm",
+        "jacobi_step",
+        "max_change",
+        "p_laplacian",
+        "patch_distance",
+    ]
+    for name in PRIMITIVES:
+        assert callable(getattr(backends.Backend, name))
+
+
+def test_the_languages_have_the_same_files():
+    opencl = {path.stem for path in (kernels.folder / "opencl").glob("*.cl")}
+    warp = {path.stem for path in (kernels.folder / "warp").glob("*.py")} - {"__init__"}
+    assert opencl == warp == PARTS | set(PRIMITIVES)
+
+
+@pytest.mark.parametrize("stem", sorted(PARTS | set(PRIMITIVES)))
+def test_files_open_with_a_comment(stem):
+    opencl = (kernels.folder / "opencl" / f"{stem}.cl").read_text("utf-8")
+    assert opencl.startswith("/*")
+    assert len(opencl[: opencl.index("*/")]) > 80
+    warp = ast.get_docstring(ast.parse((kernels.folder / "warp" / f"{stem}.py").read_text("utf-8")))
+    assert warp
+    assert len(warp) > 80
+
+
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+def test_both_languages_state_the_same_equation(primitive):
+    """The first line of either file says what the primitive computes, and by which equation."""
+
+    def first_words(text):
+        return text.lstrip('/*" ').splitlines()[0].split()
+
+    opencl = (kernels.folder / "opencl" / f"{primitive}.cl").read_text("utf-8")
+    warp = (kernels.folder / "warp" / f"{primitive}.py").read_text("utf-8")
+    assert first_words(opencl) == first_words(warp)
+
+
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+def test_the_contract_names_every_primitive(primitive):
+    """A row of its own in the table of kernels/README.md."""
+    rows = (kernels.folder / "README.md").read_text("utf-8").splitlines()
+    assert [row for row in rows if row.startswith(f"| `{primitive}` |")]
+
+
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+def test_includes_are_put_in_place(primitive):
+    """Compilers get one text; what they report still names the file and line that a person wrote."""
+    source = kernels.opencl_source(primitive)
+    assert "#include" not in source
+    for part in ("grid.cl", "csr.cl", "reals.cl"):
+        assert f'#line 1 "{part}"' in source
+    # the line after the last #line directive is that line of the primitive's own file
+    lines = source.splitlines()
+    own = (kernels.folder / "opencl" / f"{primitive}.cl").read_text("utf-8").splitlines()
+    at, number = [
+        (i, int(line.split()[1])) for i, line in enumerate(lines) if line.startswith("#line") and primitive in line
+    ][-1]
+    assert number > 1
+    assert lines[at + 1 :] == own[number - 1 :]
+
+
+@pytest.mark.parametrize("options", [[], ["-DGRID"], ["-DINDEX=long"]], ids=["csr", "grid", "csr of 2^31 vertices"])
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+def test_a_kernel_compiles_alone(primitive, options):
+    """With no option but the kind of graph: what a person types into an offline compiler."""
+    if "opencl" in backends.absent():
+        pytest.skip(backends.absent()["opencl"])
+    import pyopencl as cl
+
+    device = backends.get("opencl").device.handle
+    program = cl.Program(cl.Context([device]), kernels.opencl_source(primitive)).build(options)
+    assert [kernel.function_name for kernel in program.all_kernels()] == [primitive]
+
+
+def test_a_missing_source_is_named():
+    with pytest.raises(FileNotFoundError, match=r"no_such_primitive\.cl"):
+        kernels.opencl_source("no_such_primitive")

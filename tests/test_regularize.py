@@ -1,0 +1,316 @@
+"""The process through its front door: what it reaches, why it stops, what it refuses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from cases import TOLERANCES, function, graph, irregular, rng, weights
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+import gpureg as gr
+from gpureg.solvers import Jacobi
+
+
+def run(f0, on, **settings):
+    return gr.regularize(f0, on, **{"backend": "numpy", "dtype": np.float64, **settings})
+
+
+@pytest.mark.parametrize("name", ["small grid", "small csr"])
+def test_p2_reaches_the_sparse_solution(device: str, name: str) -> None:
+    """(lam I + 2L) f = lam f0 (erratum E9), on every device, in float32."""
+    made, f0 = graph(name), function(graph(name), 3)
+    stored = made.to_graph(weights(name)) if isinstance(made, gr.GridGraph) else made
+    W = stored.to_scipy()
+    lam = 0.8
+    A = lam * sparse.eye_array(len(f0)) + 2 * (sparse.diags_array(W.sum(axis=1)) - W)
+    exact = spsolve(A.tocsc(), lam * f0)
+    given = stored.weights if isinstance(made, gr.GridGraph) else None
+    result = gr.regularize(f0, made, p=2, lam=lam, weights=given, max_iter=1000, tol=0, backend=device)
+    # Rounding of one sweep (TOLERANCES), amplified by at most (lam + 2 deg)/lam as errors of sweeps add up.
+    reach = (lam + 2 * stored.degree().max()) / lam
+    assert np.abs(result.value - exact).max() <= TOLERANCES["float32"] * reach * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("gamma", ["sqrt", "combinatorial", "normalized", "degree"])
+@pytest.mark.parametrize("p", [1.0, 2.0])
+def test_gamma_minimises_the_energy_it_names(gamma: str, p: float) -> None:
+    """The change of variable behind gamma against eq. 19 and 20 written with gamma(u, v) itself."""
+    made = irregular(13, 40, isolated=5)
+    f0, lam, eps = function(made, 2), 0.7, 0.05
+    W = made.to_scipy().toarray().astype(np.float64)
+    degree = W.sum(axis=1)
+    inverse = np.divide(1, degree, out=np.zeros_like(degree), where=degree > 0)[:, None]
+    G = np.sqrt({"sqrt": W, "combinatorial": W / 2, "normalized": W * inverse / 2, "degree": W * inverse}[gamma])
+
+    def energy(f: np.ndarray) -> float:
+        d = G.T[:, :, None] * f[None] - G[:, :, None] * f[:, None]  # gamma_vu f(v) - gamma_uv f(u)
+        return ((d**2).sum(axis=(1, 2)) + eps**2) ** (p / 2) @ np.ones(len(f)) / p + lam / 2 * ((f - f0) ** 2).sum()
+
+    result = run(f0, made, p=p, lam=lam, gamma=gamma, eps=eps, max_iter=20000, tol=1e-13)
+    # With p = 2 the given eps only adds a constant to the energy.
+    assert result.energy[-1] == pytest.approx(energy(result.value), rel=1e-12)
+    step = 1e-6
+    for u in range(len(f0)):
+        moved = np.zeros_like(f0)
+        moved[u, 1] = step
+        slope = (energy(result.value + moved) - energy(result.value - moved)) / (2 * step)
+        # central differences: rounding of the energy (1e-16 * 10 / 1e-6), curvature step^2 / eps^2
+        assert abs(slope) < 1e-7
+
+
+def test_the_data_is_not_written_over(device: str) -> None:
+    """Sweeps alternate between two buffers; neither may be the data's (fidelity would be lost after two)."""
+    made = graph("grid")
+    f0 = function(made)
+    kept = f0.copy()
+    many = gr.regularize(f0, made, p=1, lam=1e9, max_iter=9, backend=device)
+    assert np.array_equal(f0, kept)
+    assert np.abs(many.value - f0).max() < 1e-5  # lam -> infinity leaves the data
+
+
+def test_devices_agree_after_many_sweeps(device: str) -> None:
+    made, f0 = graph("grid"), function(graph("grid"), 3)
+    settings = {"p": 0.7, "lam": 2.0, "eps": 0.05, "max_iter": 25, "weights": gr.weights.bilateral(2.0, 0.5)}
+    oracle = run(f0, made, **settings)
+    for dtype in ("float64", "float32"):
+        try:
+            result = gr.regularize(f0, made, backend=device, dtype=dtype, **settings)
+        except gr.BackendUnavailable:
+            assert dtype == "float64"  # a device may lack it, and then says so
+            continue
+        assert result.value.dtype == dtype
+        assert np.abs(result.value - oracle.value).max() <= TOLERANCES[dtype] * np.abs(f0).max()
+        assert result.energy == pytest.approx(oracle.energy, rel=10 * TOLERANCES[dtype])
+        assert device in result.backend
+
+
+def test_same_bits_twice(device: str) -> None:
+    made, f0 = graph("masked"), function(graph("masked"), 3)
+    settings = {"p": 1, "lam": 3, "max_iter": 12, "backend": device, "weights": gr.weights.patch(1, 0.5, sigma=0.1)}
+    first, second = (gr.regularize(f0, made, **settings) for _ in range(2))
+    assert first.value.tobytes() == second.value.tobytes()
+    assert first.energy.tobytes() == second.energy.tobytes()
+
+
+@pytest.mark.parametrize("p", [0.3, 1.0, 2.0, 3.0, 6.0])
+def test_energy_falls_and_is_checked_where_it_says(p: float) -> None:
+    made, f0 = graph("small grid"), function(graph("small grid"))
+    result = run(f0, made, p=p, lam=0.5, max_iter=25, solver=Jacobi(check_every=4))
+    assert result.checks.tolist() == [0, 4, 8, 12, 16, 20, 24, 25]
+    assert len(result.energy) == len(result.checks)
+    assert (np.diff(result.energy) <= 1e-12 * result.energy[0]).all()
+    assert result.iterations == 25
+    assert result.stop is gr.Stop.MAX_ITER
+    assert result.gap is None
+
+
+def test_uncoupled_channels_do_not_see_each_other() -> None:
+    made, f0 = graph("small csr"), function(graph("small csr"), 3)
+    settings = {"p": 1.0, "lam": 2.0, "eps": 0.01, "max_iter": 30}
+    apart = run(f0, made, coupled=False, **settings).value
+    alone = np.stack([run(f0[:, c], made, **settings).value for c in range(3)], axis=1)
+    assert np.abs(apart - alone).max() < 1e-12
+    assert np.abs(run(f0, made, **settings).value - alone).max() > 1e-3  # coupling makes a difference
+
+
+def test_tolerance_stops() -> None:
+    made, f0 = graph("small grid"), 255 * function(graph("small grid"))
+    result = run(f0, made, lam=1, max_iter=10_000, tol=1e-6, solver=Jacobi(check_every=1))
+    again = run(f0, made, lam=1, max_iter=result.iterations - 1)
+    assert result.stop is gr.Stop.TOLERANCE
+    assert result.iterations < 10_000
+    spread = f0.max() - f0.min()
+    assert np.abs(result.value - again.value).max() <= 1e-6 * spread
+    assert "tolerance" in str(result.stop)
+
+
+def test_callback_sees_each_check_and_can_stop() -> None:
+    made, f0 = graph("small csr"), function(graph("small csr"))
+    seen = []
+
+    def watch(check: gr.Check) -> bool:
+        seen.append((check.iteration, check.energy, check.change, check.value()))
+        return check.iteration >= 6
+
+    result = run(f0, made, p=1, lam=1, max_iter=50, solver=Jacobi(check_every=3), callback=watch)
+    assert result.stop is gr.Stop.CALLBACK
+    assert [row[0] for row in seen] == [0, 3, 6]
+    assert [row[1] for row in seen] == result.energy.tolist()
+    assert seen[0][2] == math.inf
+    assert np.array_equal(seen[0][3], f0)
+    assert np.array_equal(seen[-1][3], result.value)
+
+
+def test_interruption_keeps_the_last_whole_iterate(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, f0 = graph("grid"), function(graph("grid"))
+    settings = {"p": 1, "lam": 1, "backend": device}
+    done, step = [], Jacobi.step
+
+    def pressed(self, problem, state):
+        if len(done) == 7:
+            raise KeyboardInterrupt
+        done.append(1)
+        return step(self, problem, state)
+
+    seven = gr.regularize(f0, made, max_iter=7, **settings).value
+    monkeypatch.setattr(Jacobi, "step", pressed)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        gr.regularize(f0, made, max_iter=100, **settings)
+    assert isinstance(caught.value, gr.Interrupted)
+    assert caught.value.result.iterations == 7
+    assert caught.value.result.stop is gr.Stop.INTERRUPTED
+    assert np.array_equal(caught.value.result.value, seven)
+
+
+def test_progress_writes_nothing_to_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    run(function(graph("small grid")), graph("small grid"), max_iter=30, progress=True)
+    assert capsys.readouterr().out == ""
+
+
+def test_start_and_shapes() -> None:
+    grid = graph("small volume")
+    f0 = function(grid, 3)
+    flat = run(f0, grid, p=1, lam=1, max_iter=5)
+    shaped = run(f0.reshape(*grid.shape, 3), grid, p=1, lam=1, max_iter=5)
+    assert shaped.value.shape == (*grid.shape, 3)
+    assert np.array_equal(shaped.value.reshape(-1, 3), flat.value)
+    scalar = run(f0[:, 0].reshape(grid.shape), grid, max_iter=2)
+    assert scalar.value.shape == grid.shape
+    assert np.array_equal(scalar.value.ravel(), run(f0[:, 0], grid, max_iter=2).value)
+    # five sweeps, then five from there, are ten
+    ten = run(f0, grid, p=1, lam=1, max_iter=10)
+    assert np.array_equal(run(f0, grid, p=1, lam=1, max_iter=5, initial=flat.value).value, ten.value)
+    assert np.array_equal(run(f0, grid, max_iter=0).value, f0)
+
+
+def test_integers_are_data_too() -> None:
+    made = graph("small csr")
+    f0 = rng(5).integers(0, 255, made.n_vertices)
+    assert np.array_equal(run(f0, made).value, run(f0.astype(float), made).value)
+
+
+@pytest.mark.parametrize("p", [0.5, 1.0, 2.0, 3.0])
+def test_lam_per_vertex_pins_and_frees(device: str, p: float) -> None:
+    """lam = infinity keeps the data to the bit; lam = 0 there ignores it."""
+    grid = graph("small grid")
+    f0 = function(grid).astype(np.float32)
+    lam = np.full(grid.n_vertices, np.inf)
+    lam[5:20] = 0
+    wild = f0.copy()
+    wild[5:20] = 99.0
+    settings = {"p": p, "lam": lam, "eps": 0.01, "backend": device}
+    result = gr.regularize(f0, grid, max_iter=50, **settings)
+    assert np.array_equal(result.value[lam == np.inf], f0[lam == np.inf])
+    # Dirichlet's problem: without data inside, the answer lies between the values given around it.
+    free = gr.regularize(f0, grid, max_iter=50, initial=wild, **{**settings, "lam": lam})
+    again = gr.regularize(wild, grid, max_iter=50, initial=wild, **settings)
+    assert np.array_equal(free.value, again.value)
+
+
+def test_lam_of_zero_leaves_a_lone_vertex_as_it_is(device: str) -> None:
+    made = graph("csr")
+    f0 = function(made).astype(np.float32)
+    result = gr.regularize(f0, made, p=1, lam=0, max_iter=11, backend=device)
+    assert np.isfinite(result.value).all()
+    assert result.value[311] == f0[311]
+
+
+def test_weights_that_underflow_leave_the_data(device: str) -> None:
+    grid = graph("small grid")
+    f0 = (1e3 * function(grid)).astype(np.float32)
+    f0[:] = np.arange(len(f0))[:, None] * 100.0
+    result = gr.regularize(f0, grid, p=1, lam=0, max_iter=3, backend=device, weights=gr.weights.patch(0, 0.1))
+    assert np.array_equal(result.value, f0)
+
+
+def test_eps_is_chosen_from_the_range_and_told() -> None:
+    made, f0 = graph("small csr"), function(graph("small csr"))
+    spread = f0.max() - f0.min()
+    assert run(f0, made, p=1, max_iter=1).eps == pytest.approx(1e-3 * spread)
+    assert run(255 * f0, made, p=1, max_iter=1).eps == pytest.approx(0.255 * spread)
+    assert run(np.full(len(f0), 5.0), made, p=1, max_iter=1).eps > 0  # a constant has no range
+    assert run(f0, made, p=1, eps=0.25, max_iter=1).eps == 0.25
+    assert run(f0, made, p=2, max_iter=1).eps == 0
+
+
+def test_mask_leaves_vertices_out() -> None:
+    grid = graph("small masked")
+    assert isinstance(grid, gr.GridGraph)
+    f0 = function(grid).reshape(grid.shape)
+    outside = ~grid.mask
+    marked = np.where(outside, np.nan, f0)
+    result = run(marked, grid, p=1, lam=1, max_iter=20)
+    assert np.isnan(result.value[outside]).all()
+    other = run(np.where(outside, 77.0, f0), grid, p=1, lam=1, max_iter=20, eps=result.eps)
+    assert np.array_equal(result.value[grid.mask], other.value[grid.mask])
+    assert (other.value[outside] == 77.0).all()
+
+
+GRID = gr.GridGraph((3, 4))
+F0 = np.zeros((3, 4))
+BAD = [
+    ({"f0": np.full((3, 4), np.nan)}, ValueError, "f0 must be finite, got nan"),
+    ({"f0": np.full((3, 4), np.inf)}, ValueError, "f0 must be finite, got inf"),
+    ({"f0": np.zeros((4, 3))}, ValueError, r"f0 must have shape .*got \(4, 3\)"),
+    ({"f0": np.zeros((12, 0))}, ValueError, "channels"),
+    ({"f0": np.zeros((3, 4), complex)}, TypeError, "real numbers, got complex"),
+    ({"f0": [["a"] * 4] * 3}, TypeError, "real numbers"),
+    ({"graph": "grid"}, TypeError, "graph must be a Graph or a GridGraph, got str"),
+    ({"p": 0}, ValueError, "p must be finite and > 0, got 0"),
+    ({"p": -1.5}, ValueError, "got -1.5"),
+    ({"p": math.nan}, ValueError, "got nan"),
+    ({"p": "1"}, TypeError, "p must be a number"),
+    ({"lam": -1}, ValueError, "lam must be >= 0 .*got -1"),
+    ({"lam": math.nan}, ValueError, "got nan"),
+    ({"lam": np.ones(5)}, ValueError, r"one value per vertex, shape \(3, 4\), got shape \(5,\)"),
+    ({"lam": "1"}, TypeError, "lam must be a real number"),
+    ({"weights": -np.ones(GRID.n_edges)}, ValueError, "weights must be >= 0, got -1"),
+    ({"weights": np.full(GRID.n_edges, np.nan)}, ValueError, "weights must be finite"),
+    ({"weights": np.ones(3)}, ValueError, r"weights must have shape .*got \(3,\)"),
+    ({"weights": np.arange(GRID.n_edges)}, ValueError, "same in both directions"),
+    ({"gamma": "cubic"}, ValueError, "gamma must be one of sqrt.*got 'cubic'"),
+    ({"eps": -1}, ValueError, "eps must be finite and >= 0, got -1"),
+    ({"eps": 0, "p": 1}, ValueError, "eps = 0 is too small for p = 1"),
+    ({"eps": 1e-25, "p": 1}, ValueError, "too small for p = 1 in float32"),
+    ({"eps": 1e-18, "p": 0.01}, ValueError, "too small for p = 0.01"),
+    ({"max_iter": -1}, ValueError, "max_iter must be >= 0, got -1"),
+    ({"max_iter": 1.5}, TypeError, "max_iter must be an integer"),
+    ({"tol": -1}, ValueError, "tol must be finite and >= 0, got -1"),
+    ({"tol": math.nan}, ValueError, "got nan"),
+    ({"solver": "newton"}, ValueError, "unknown solver 'newton': use jacobi"),
+    ({"solver": 3}, TypeError, "solver must be a name or a solver object"),
+    ({"dtype": "float16"}, ValueError, "dtype must be float32 or float64, got float16"),
+    ({"initial": np.zeros(5)}, ValueError, "initial must have shape"),
+    ({"initial": np.zeros((12, 2))}, ValueError, "initial must have the shape of f0"),
+    ({"initial": np.full((3, 4), np.nan)}, ValueError, "initial must be finite"),
+    ({"backend": "cuda"}, ValueError, "unknown backend 'cuda': use auto, warp, opencl, numpy"),
+    ({"backend": 1}, TypeError, "backend must be a name"),
+    ({"backend": "opencl:99"}, gr.BackendUnavailable, "opencl"),
+]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "says"),
+    BAD,
+    ids=[f"{k}={str(v)[:20]}" for w, _, _ in BAD for k, v in w.items() if k == next(iter(w))],
+)
+def test_wrong_arguments_get_a_sentence(wrong: dict, error: type, says: str) -> None:
+    call = {"f0": F0, "graph": GRID, "backend": "numpy", **wrong}
+    with pytest.raises(error, match=says):
+        gr.regularize(call.pop("f0"), call.pop("graph"), **call)
+
+
+def test_wrong_solver_settings() -> None:
+    with pytest.raises(ValueError, match=r"damping must lie in \(0, 1\], got 0"):
+        Jacobi(damping=0)
+    with pytest.raises(ValueError, match="check_every must be >= 1, got 0"):
+        Jacobi(check_every=0)
+
+
+def test_values_out_of_range_of_the_type_are_an_error() -> None:
+    f0 = np.array([0.0, 3e38, -3e38])
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(FloatingPointError, match="no longer finite"):
+        gr.regularize(f0, gr.GridGraph(3), p=1, lam=1, backend="numpy", dtype=np.float32)

@@ -1,0 +1,127 @@
+"""Weight functions on both kinds of graph, against the formulas of section 5.2."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cases import function, graph, rng
+
+import gpureg as gr
+from gpureg import backends
+from gpureg.weights import Weights
+
+ORACLE = backends.get("numpy", np.float64)
+
+
+def on_edges(weights: Weights, made: gr.Graph | gr.GridGraph, f0: np.ndarray) -> np.ndarray:
+    """Weights as one per directed edge, in the order of the CSR form."""
+    values = ORACLE.get_weights(weights.prepare(ORACLE, made, f0))
+    if values is None:
+        return np.ones(made.n_edges)
+    return made.half_to_edges(values) if isinstance(made, gr.GridGraph) else values
+
+
+def ends(made: gr.Graph | gr.GridGraph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Both ends of each directed edge, and the positions of all vertices."""
+    stored = made.to_graph() if isinstance(made, gr.GridGraph) else made
+    return stored.edge_rows(), stored.indices, stored.positions
+
+
+@pytest.mark.parametrize("name", ["small grid", "small disk", "small masked", "small csr", "small row"])
+def test_formulas(name: str) -> None:
+    made, f0 = graph(name), function(graph(name), 2)
+    u, v, places = ends(made)
+    space, value = ((places[u] - places[v]) ** 2).sum(axis=1), ((f0[u] - f0[v]) ** 2).sum(axis=1)
+    features = rng(9).random((made.n_vertices, 4))
+    for weights, expected in (
+        (gr.weights.constant(), np.ones(len(u))),
+        (gr.weights.bilateral(1.5, 0.3), np.exp(-space / 1.5**2) * np.exp(-value / 0.3**2)),
+        (gr.weights.bilateral(np.inf, 0.3), np.exp(-value / 0.3**2)),
+        (gr.weights.bilateral(1.5, np.inf), np.exp(-space / 1.5**2)),
+        (gr.weights.patch(0, 0.4), np.exp(-value / 0.4**2)),
+        # 2 sigma^2 comes off per sample and channel, and nothing goes below 0
+        (gr.weights.patch(0, 0.4, sigma=0.1), np.exp(-np.maximum(value - 2 * 0.1**2 * 2, 0) / 0.4**2)),
+        (gr.weights.inverse_distance(), 1 / space),
+        (gr.weights.inverse_distance(1), space**-0.5),
+        (gr.weights.gaussian(features, 0.5), np.exp(-((features[u] - features[v]) ** 2).sum(axis=1) / 0.25)),
+        (
+            gr.weights.guided(gr.weights.patch(0, 0.4), features),
+            np.exp(-((features[u] - features[v]) ** 2).sum(axis=1) / 0.4**2),
+        ),
+    ):
+        assert np.abs(on_edges(weights, made, f0) - expected).max() < 1e-14 * max(1, expected.max()), weights
+
+
+@pytest.mark.parametrize("a", [None, 0.8])
+def test_patches_on_a_grid_and_on_its_csr_twin(a: float | None) -> None:
+    grid = graph("disk")
+    f0 = function(grid, 3)
+    weights = gr.weights.patch(2, 1.5 if a is None else 0.4, sigma=0.05, a=a)
+    assert np.abs(on_edges(weights, grid, f0) - on_edges(weights, grid.to_graph(), f0)).max() < 1e-14
+
+
+def test_gaussian_patch_sums_to_one() -> None:
+    """A constant difference c gives rho = c^2, whatever the patch's size."""
+    grid = gr.GridGraph((9, 16), 8, "chebyshev")
+    f0 = np.repeat([[0.0, 0.5]], 8, axis=1) * np.ones((9, 1))
+    half = ORACLE.get_weights(gr.weights.patch(2, 1.0, a=1.0).prepare(ORACLE, grid, f0.reshape(-1, 1)))
+    # from column 2 to column 10: both patches lie inside their own side
+    k = next(i for i, step in enumerate(grid.forward_offsets.tolist()) if step == [0, 8])
+    assert half[k][4, 2] == pytest.approx(np.exp(-0.25), rel=1e-14)
+
+
+def test_arrays_of_weights_reach_the_process(device: str) -> None:
+    grid = graph("grid")
+    f0 = function(grid)
+    half = rng(13).random((grid.half_window, *grid.shape)) * grid.unit_half_weights()
+    flat = grid.half_to_edges(half)
+    as_csr = gr.regularize(f0, grid.to_graph(half), p=1, lam=2, max_iter=5, backend=device)
+    given = gr.regularize(f0, grid, weights=flat, p=1, lam=2, max_iter=5, backend=device)
+    # The two kinds of graph add the same numbers in the same order, but may contract products differently.
+    assert np.abs(as_csr.value - given.value).max() < 1e-5
+    plain = gr.regularize(f0, grid, p=1, lam=2, max_iter=5, backend=device)
+    assert np.abs(plain.value - given.value).max() > 1e-3
+
+
+def test_constant_takes_the_place_of_a_graphs_own_weights() -> None:
+    made = graph("small csr")
+    assert (on_edges(gr.weights.constant(), made, function(made)) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "says"),
+    [
+        (lambda: gr.weights.bilateral(0, 1), ValueError, "sigma_space must be > 0, got 0"),
+        (lambda: gr.weights.bilateral(1, -1), ValueError, "sigma_value must be > 0, got -1"),
+        (lambda: gr.weights.bilateral("1", 1), TypeError, "sigma_space must be a number"),
+        (lambda: gr.weights.patch(-1, 1), ValueError, "radius must be >= 0, got -1"),
+        (lambda: gr.weights.patch(1.5, 1), TypeError, "radius must be an integer"),
+        (lambda: gr.weights.patch(1, 0), ValueError, "h must be > 0"),
+        (lambda: gr.weights.patch(1, np.nan), ValueError, "h must be > 0"),
+        (lambda: gr.weights.patch(1, 1, sigma=-1), ValueError, "sigma must be finite and >= 0"),
+        (lambda: gr.weights.patch(1, 1, a=0), ValueError, "a must be > 0"),
+        (lambda: gr.weights.inverse_distance(0), ValueError, "power must be > 0"),
+        (lambda: gr.weights.gaussian([[np.nan]], 1), ValueError, "features must be finite"),
+        (lambda: gr.weights.guided("patch", [1.0]), TypeError, "weights must be an object"),
+        (lambda: gr.weights.guided(gr.weights.constant(), [np.inf]), ValueError, "guide must be finite"),
+    ],
+)
+def test_wrong_parameters(make, error: type, says: str) -> None:
+    with pytest.raises(error, match=says):
+        make()
+
+
+def test_weights_that_do_not_fit_the_graph() -> None:
+    bare = gr.Graph([0, 1, 2], [1, 0])
+    f0 = np.zeros(2)
+    together = gr.Graph([0, 1, 2], [1, 0], positions=np.zeros((2, 2)))
+    for weights, made, says in (
+        (gr.weights.bilateral(1, 1), bare, "positions"),
+        (gr.weights.inverse_distance(), bare, "positions"),
+        (gr.weights.inverse_distance(), together, "same point"),
+        (gr.weights.patch(1, 1), bare, "on a grid"),
+        (gr.weights.gaussian([1.0], 1), bare, "2 rows"),
+        (gr.weights.guided(gr.weights.patch(0, 1), [1.0]), bare, "2 rows"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            gr.regularize(f0, made, weights=weights, backend="numpy")
