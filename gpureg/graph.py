@@ -244,7 +244,10 @@ class Graph:
         from scipy import sparse
 
         data = np.ones(self.n_edges) if self.weights is None else self.weights.copy()
-        return sparse.csr_array((data, self.indices.copy(), self.indptr.copy()), shape=(self.n_vertices,) * 2)
+        # scipy takes the wider of the two types for both, and pays for it in every product.
+        kind = self.indices.dtype if self.n_edges < 2**31 else np.int64
+        indices, indptr = self.indices.astype(kind), self.indptr.astype(kind)
+        return sparse.csr_array((data, indices, indptr), shape=(self.n_vertices,) * 2)
 
     @property
     def n_vertices(self) -> int:
