@@ -181,7 +181,7 @@ def run_plan(
     else:
         with _converted(array, channel_axis, inside):
             settings["weights"] = weights_of(plan, f0)
-            result = regularize(f0, grid, callback=callback, progress=progress and plan.max_iter > 1, **settings)
+            result = regularize(f0, grid, callback=callback, progress=progress and plan.max_iter > 0, **settings)
     value = _as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
 

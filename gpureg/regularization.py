@@ -14,7 +14,7 @@ from .graph import Graph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
 from .result import Interrupted, Result, Stop
 from .solvers import Solver, resolve, run
-from .solvers.loop import Callback
+from .solvers.loop import Callback, progress_bar
 from .weights import Weights
 
 
@@ -127,17 +127,18 @@ def regularize(
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
-    on_device = DeviceProblem.put(problem, device)
-    outcome = run(
-        on_device,
-        method,
-        # a buffer of its own: the sweeps write over it
-        on_device.put_function(problem.f0 if start is None else start),
-        max_iter=int(max_iter),
-        threshold=None if tol is None else tol * (problem.data_range or 1.0),
-        callback=callback,
-        progress=progress,
-    )
+    with progress_bar(progress, int(max_iter)) as report:
+        on_device = DeviceProblem.put(problem, device)
+        outcome = run(
+            on_device,
+            method,
+            # a buffer of its own: the sweeps write over it
+            on_device.put_function(problem.f0 if start is None else start),
+            max_iter=int(max_iter),
+            threshold=None if tol is None else tol * (problem.data_range or 1.0),
+            callback=callback,
+            report=report,
+        )
     value = on_device.get_function(outcome.f)
     if isinstance(graph, GridGraph) and graph.mask is not None:
         # Vertices outside the mask come back as they came, NaN included.

@@ -69,17 +69,17 @@ class Outcome:
 
 @contextmanager
 def progress_bar(show: bool, total: int, unit: str = "iterations") -> Iterator[Callable[[int], None]]:
-    """A bar on the terminal's error stream that leaves nothing behind."""
+    """A bar on the terminal's error stream that leaves nothing behind; it pulses until the first report."""
     if not show:
-        yield lambda iteration: None
+        yield lambda done: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda iteration: bar.update(task, completed=iteration)
+        task = bar.add_task("", total=None)
+        yield lambda done: bar.update(task, total=total, completed=done)
 
 
 def run(
@@ -90,9 +90,11 @@ def run(
     max_iter: int,
     threshold: float | None,
     callback: Callback | None,
-    progress: bool,
+    report: Callable[[int], None],
 ) -> Outcome:
     """Iterate until a stop: `max_iter`, a largest change of at most `threshold`, the callback, or Ctrl-C.
+
+    `report` is told the iterations done at each check.
 
     Raises
     ------
@@ -114,27 +116,26 @@ def run(
         return callback(check) is True
 
     try:
-        with progress_bar(progress, max_iter) as report:
-            if is_told_to_stop(math.inf):
+        if is_told_to_stop(math.inf):
+            return outcome(Stop.CALLBACK)
+        while done < max_iter:
+            for _ in range(min(solver.check_every, max_iter - done)):
+                # One assignment of a pair: an interrupt falls before or after a whole iteration.
+                state, done = solver.step(problem, state), done + 1
+            change = backend.max_change(problem.weighted, state.f, state.previous)
+            energy = problem.energy(state.f)
+            if not (math.isfinite(change) and math.isfinite(energy)):
+                raise FloatingPointError(
+                    f"values are no longer finite after {done} iterations: the data, lam or eps are out of the "
+                    f"range of {np.dtype(backend.dtype)}; rescale the data, or use float64"
+                )
+            energies.append(energy)
+            checks.append(done)
+            report(done)
+            if is_told_to_stop(change):
                 return outcome(Stop.CALLBACK)
-            while done < max_iter:
-                for _ in range(min(solver.check_every, max_iter - done)):
-                    # One assignment of a pair: an interrupt falls before or after a whole iteration.
-                    state, done = solver.step(problem, state), done + 1
-                change = backend.max_change(problem.weighted, state.f, state.previous)
-                energy = problem.energy(state.f)
-                if not (math.isfinite(change) and math.isfinite(energy)):
-                    raise FloatingPointError(
-                        f"values are no longer finite after {done} iterations: the data, lam or eps are out of the "
-                        f"range of {np.dtype(backend.dtype)}; rescale the data, or use float64"
-                    )
-                energies.append(energy)
-                checks.append(done)
-                report(done)
-                if is_told_to_stop(change):
-                    return outcome(Stop.CALLBACK)
-                if threshold is not None and change <= threshold:
-                    return outcome(Stop.TOLERANCE)
+            if threshold is not None and change <= threshold:
+                return outcome(Stop.TOLERANCE)
     except KeyboardInterrupt:
         return outcome(Stop.INTERRUPTED)
     return outcome(Stop.MAX_ITER)
