@@ -51,7 +51,7 @@ def estimate_noise(
     >>> import numpy as np
     >>> ramp = np.add.outer(np.arange(64.0), np.arange(64.0))
     >>> round(estimate_noise(ramp + np.random.default_rng(7).normal(0, 5, ramp.shape)), 1)
-    4.9
+    4.8
     """
     array = np.asarray(image)
     if array.dtype.kind not in "biuf":

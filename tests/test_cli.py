@@ -9,14 +9,10 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +20,7 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 from PIL import Image
+from users import needs_users, no_root
 
 import gpureg
 from gpureg.cli import main
@@ -483,32 +480,6 @@ def test_output_folder_is_missing(noisy):
 def test_output_is_a_folder(noisy):
     (noisy.parent / "o.png").mkdir()
     refused(noisy.parent, 1, noisy, noisy.parent / "o.png", words=("o.png is a folder",))
-
-
-@contextmanager
-def no_root() -> Iterator[Path]:
-    """A folder, and a time in which this process has no more rights than anybody: root may read and write all."""
-    folder = Path(tempfile.mkdtemp()).resolve()
-    nobody = 65534
-    is_root = os.geteuid() == 0
-    try:
-        if is_root:
-            os.chown(folder, nobody, nobody)
-            # The real user too, whom os.access asks about; the saved one is the way back.
-            os.setresuid(nobody, nobody, 0)
-        try:
-            if not os.access(folder, os.W_OK):
-                pytest.skip("the folder of temporary files is closed to other users")
-            yield folder
-        finally:
-            if is_root:
-                os.setresuid(0, 0, 0)
-    finally:
-        folder.chmod(0o700)
-        shutil.rmtree(folder)
-
-
-needs_users = pytest.mark.skipif(not hasattr(os, "setresuid"), reason="needs POSIX users")
 
 
 @needs_users
