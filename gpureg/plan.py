@@ -36,6 +36,8 @@ class DenoisePlan:
         As in :func:`gpureg.regularize`; ``max_iter`` 0 leaves the image as it is.
     opponent : bool
         Whether the weights compare brightness and, less strictly, two opponent colours instead of red, green and blue.
+    ndim : int
+        Axes of the image besides its channels.
     """
 
     sigma: float
@@ -49,6 +51,7 @@ class DenoisePlan:
     tol: float | None = None
     eps: float | None = None
     opponent: bool = False
+    ndim: int = 2
 
     def describe(self) -> str:
         """The plan in one line."""
@@ -56,13 +59,17 @@ class DenoisePlan:
             found = np.ndim(self.lam) == 0 and self.lam == math.inf
             return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
         side = 2 * int(self.radius) + 1
-        w, window = self.weights, f"{side}x{side} window"
+        w, window = self.weights, "x".join([str(side)] * self.ndim) + " window"
         if self.metric != "chebyshev":
-            window = "4 neighbours" if (self.radius, self.metric) == (1, "cityblock") else f"{window} ({self.metric})"
+            window = (
+                f"{2 * self.ndim} neighbours"
+                if (self.radius, self.metric) == (1, "cityblock")
+                else f"{window} ({self.metric})"
+            )
         if isinstance(w, Patch):
             shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
             colours = ", opponent colours" if self.opponent else ""
-            patches = f"{2 * w.radius + 1}x{2 * w.radius + 1} {shape} patches"
+            patches = "x".join([str(2 * w.radius + 1)] * self.ndim) + f" {shape} patches"
             kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
         elif isinstance(w, Bilateral):
             kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
@@ -103,7 +110,8 @@ def plan_denoising(
     The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window: patches grow
     with the noise, and are smaller in colour, where three channels tell as much as a larger patch of one; h falls as
     they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten
-    photographs at sigma 10, 20, 40 of 255. With p other than 2, the unweighted 4-neighbour graph G_0 (p = 1: digital
+    photographs at sigma 10, 20, 40 of 255. A volume gets a window of 5 and patches of 3 voxels a side, the best of six
+    choices on two synthetic volumes. With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1: digital
     total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the camera
     picture for p = 1 and 1.5.
 
@@ -123,7 +131,8 @@ def plan_denoising(
     if max_iter is not None and max_iter < 0:
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
     # Asks for the window's own checks, whatever becomes of it.
-    GridGraph((1,) * (array.ndim - (channel_axis is not None)), 1 if radius is None else radius, metric or "chebyshev")
+    ndim = array.ndim - (channel_axis is not None)
+    GridGraph((1,) * ndim, 1 if radius is None else radius, metric or "chebyshev")
     estimated = sigma is None
     noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
     spread = _contrast(array, channel_axis, mask)
@@ -138,21 +147,23 @@ def plan_denoising(
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
     if negligible and estimated and weights is None and (lam is None or not local):
         reach, degree = 1.0 if radius is None else radius, 2.0 if p is None else float(p)
-        return DenoisePlan(noise, estimated, constant(), reach, metric, degree, math.inf, 0, tol, eps)
+        return DenoisePlan(noise, estimated, constant(), reach, metric, degree, math.inf, 0, tol, eps, ndim=ndim)
     if not local and p in (None, 2):
-        default_lam, default_radius, default_iterations = 2.0, 7.0, 1  # lam = 2: the centre counted once
+        # lam = 2: the centre counted once
+        default_lam, default_radius, default_iterations = 2.0, 7.0 if ndim == 2 else 2.0, 1
         if weights is None:
             # The rule's unit is the 255th part of the contrast.
             level = min(60.0, 255 * noise / spread) if spread > 0 else 60.0
             opponent = channels == 3
-            a, h, share = (1.0 if channels == 1 else 0.5) + level / 40, 1.2 + level / 200, 1.0
+            plain = channels == 1 and ndim == 2
+            a, h, share = (1.0 if plain else 0.5) + level / 40, 1.2 + level / 200, 1.0
             if opponent:
                 # the noise's share of a distance in opponent colours, as a part of that in three equal channels
                 a, h, share = 0.8 * a, 1.15, math.sqrt((_OPPONENT**2).sum() / 3)
             h *= noise / a
             if h <= 0:
                 raise ValueError("without noise (sigma = 0) there is nothing to choose from: give the weights")
-            weights = patch(min(3, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
+            weights = patch(min(3 if ndim == 2 else 1, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
             default_lam = 1.0
     else:
         degree = 2.0 if p is None else p
@@ -175,6 +186,7 @@ def plan_denoising(
         tol=tol,
         eps=eps,
         opponent=opponent,
+        ndim=ndim,
     )
 
 

@@ -122,6 +122,16 @@ def test_mask_and_nan() -> None:
         gr.denoise_image(before, mask=mask.astype(int))
 
 
+def test_volume_without_parameters() -> None:
+    clean = blocks((12, 32, 32), 8)
+    before = noisy(clean, 20)
+    plan = gr.plan_denoising(before)
+    assert "5x5x5 window, 3x3x3" in plan.describe()
+    after = gr.denoise_image(before, backend="numpy")
+    # Measured at three seeds: 11.2 to 11.3 dB.
+    assert psnr(after, clean) > psnr(before, clean) + 10
+
+
 def test_volume_with_spacing() -> None:
     clean = blocks((10, 24, 26), 8)
     before = noisy(clean, 20)
