@@ -112,8 +112,8 @@ def plan_denoising(
     they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten
     photographs at sigma 10, 20, 40 of 255. A volume gets a window of 5 and patches of 3 voxels a side, the best of six
     choices on two synthetic volumes. With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1:
-    digital total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the camera
-    picture for p = 1 and 1.5.
+    digital total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the
+    camera picture for p = 1 and 1.5.
 
     Examples
     --------
