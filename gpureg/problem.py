@@ -36,7 +36,9 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
     elif array.ndim in (1, 2) and len(array) == n:
         flat = array.reshape(n, -1) if array.size else array
     else:
-        allowed = f"({n},) or ({n}, m)" + (f", {shape} or {(*shape, 'm')}" if isinstance(graph, GridGraph) else "")
+        allowed = f"({n},) or ({n}, m)"
+        if isinstance(graph, GridGraph):
+            allowed += f", {shape} or ({', '.join(map(str, shape))}, m)"
         raise ValueError(f"{name} must have shape {allowed}, got {array.shape}")
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
@@ -121,9 +123,13 @@ class Problem:
             raise ValueError(f"p must be finite and > 0, got {p}")
         if gamma not in GAMMAS:
             raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, got {gamma!r}")
+        if not isinstance(coupled, bool | np.bool_):
+            raise TypeError(f"coupled must be True or False, got {coupled!r}")
         given: Weights | FloatArray | None
         if weights is None or isinstance(weights, Weights):
             given = weights
+        elif np.asarray(weights).dtype.kind not in "biuf":
+            raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
         elif isinstance(graph, GridGraph):
             given = graph.edges_to_half(weights)
         else:

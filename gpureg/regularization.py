@@ -116,6 +116,10 @@ def regularize(
         raise TypeError(f"max_iter must be an integer, got {max_iter!r}")
     if max_iter < 0:
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
+    if tol is not None and (isinstance(tol, bool) or not isinstance(tol, int | float | np.integer | np.floating)):
+        raise TypeError(f"tol must be a number, got {tol!r}")
+    if callback is not None and not callable(callback):
+        raise TypeError(f"callback must be callable, got {callback!r}")
     if tol is not None and not (math.isfinite(tol) and tol >= 0):
         raise ValueError(f"tol must be finite and >= 0, got {tol}")
     kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
