@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import weights
+from . import operators, weights
 from .backends import BackendUnavailable
 from .graph import Graph, GridGraph
 from .image import denoise_image, run_plan
@@ -27,6 +27,7 @@ __all__ = [
     "__version__",
     "denoise_image",
     "estimate_noise",
+    "operators",
     "plan_denoising",
     "regularize",
     "run_plan",

@@ -24,7 +24,7 @@ FLOORS: dict[str, float] = {
     "backends": 2,
     "build": 3,
     "weights": 3,
-    "operators": 3,
+    "operators": 4,
     "problem": 3.5,
     "solvers": 4,
     "regularization": 4.5,
