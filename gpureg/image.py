@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import backends
 from .graph import GridGraph, Metric
 from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .regularization import regularize
-from .result import Interrupted, Result
+from .result import Interrupted, Result, Stop
 from .solvers import Solver
 from .solvers.loop import Callback, progress_bar
-from .weights import Constant, Patch, Weights
+from .weights import Bilateral, Patch, Weights
 
 # Bytes of stored weights above which an image goes through in bands of rows.
 BAND_BYTES = 1 << 28
@@ -160,6 +161,11 @@ def run_plan(
     """
     begin = time.perf_counter()
     array = checked(image, channel_axis, mask)
+    if plan.max_iter == 0:
+        # Not through the device, whose float32 would round a float64 image.
+        name = repr(backends.get(backend, np.float32 if dtype is None else dtype))
+        none = np.empty(0, np.int64)
+        return Result(array.copy(), 0, Stop.MAX_ITER, np.empty(0), none, None, 0.0, name, time.perf_counter() - begin)
     kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if _is_long(array.dtype) else np.float32)
     f0 = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
     f0 = f0.astype(np.result_type(kind, np.float32), copy=False)
@@ -175,13 +181,14 @@ def run_plan(
         p=plan.p, lam=plan.lam, eps=eps, solver=solver, max_iter=plan.max_iter, tol=plan.tol,
         backend=backend, dtype=kind,
     )  # fmt: skip
-    banded = isinstance(plan.weights, Weights) and not isinstance(plan.weights, Constant) and plan.tol is None
-    if banded and callback is None and 0 < grid.half_window * grid.n_vertices * kind.itemsize // BAND_BYTES:
+    # Weights that look at a neighbourhood of the data alone, and a number of iterations known before.
+    divisible = isinstance(plan.weights, Patch | Bilateral) and plan.tol is None and callback is None
+    if divisible and grid.half_window * grid.n_vertices * kind.itemsize > BAND_BYTES:
         result = _in_bands(f0, grid, plan, settings, progress)
     else:
         with _converted(array, channel_axis, inside):
             settings["weights"] = weights_of(plan, f0)
-            result = regularize(f0, grid, callback=callback, progress=progress and plan.max_iter > 0, **settings)
+            result = regularize(f0, grid, callback=callback, progress=progress, **settings)
     value = _as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
 
