@@ -50,9 +50,9 @@ class _Group(click.Group):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         try:
-            return super().main(*args, **{**kwargs, "standalone_mode": False})
-        except click.exceptions.Exit as done:
-            sys.exit(done.exit_code)
+            # Without its standalone mode click gives an exit code back instead of leaving with it.
+            code = super().main(*args, **{**kwargs, "standalone_mode": False})
+            sys.exit(code if isinstance(code, int) else 0)
         except (KeyboardInterrupt, click.Abort):
             click.echo("gpureg: interrupted, nothing was written", err=True)
             sys.exit(130)
@@ -160,7 +160,12 @@ _OPTIONS_OF_WEIGHTS = {
     "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
 )
 @click.option("--dtype", type=click.Choice(["float32", "float64"]), help="Type to compute in.  [default: float32]")
-@click.option("--json", "as_json", is_flag=True, help="Report as JSON on standard output.")
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Report as JSON on standard output; errors stay sentences on standard error.",
+)
 @click.option("--quiet", is_flag=True, help="Report nothing.")
 @click.option("--progress/--no-progress", default=None, help="Progress bar.  [default: on a terminal]")
 @click.pass_context
@@ -278,8 +283,12 @@ def _gibibytes(count: int) -> str:
 def list_backends(as_json: bool) -> None:
     """List the devices gpureg can use, which one `auto` takes, and what would bring the absent ones."""
     found, absent = backends.devices(), backends.absent()
-    taken = _sentences(lambda: backends.get("auto").device.id)
-    why = backends.why_auto()
+    code = 0
+    try:
+        taken, why = backends.get("auto").device.id, backends.why_auto()
+    except (ValueError, backends.BackendUnavailable) as error:
+        # GPUREG_BACKEND names what is not there: the table is what helps then.
+        taken, why, code = "", str(error), 2 if isinstance(error, ValueError) else 1
     if as_json:
         rows = [
             {
@@ -295,7 +304,7 @@ def list_backends(as_json: bool) -> None:
             for device in found
         ]
         click.echo(json.dumps({"devices": rows, "absent": absent, "auto": why}, indent=2))
-        return
+        raise click.exceptions.Exit(code)
     from rich.console import Console
     from rich.table import Table
 
@@ -318,3 +327,4 @@ def list_backends(as_json: bool) -> None:
     click.echo(f"\n* {why}")
     for name, problem in absent.items():
         click.echo(f"  {name}: {problem}")
+    raise click.exceptions.Exit(code)

@@ -43,6 +43,13 @@ def _integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
     return array
 
 
+def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
+    """`values` as an array; a numpy masked array, whose mask would be lost, is refused."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise TypeError(f"{name} is a masked array: give its data, and mask=~{name}.mask to what takes a mask")
+    return np.asarray(values)
+
+
 def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     """A float copy of ``weights``, after checking shape, finiteness and sign."""
     array = np.array(weights, dtype=np.result_type(np.asarray(weights).dtype, np.float32))
@@ -232,7 +239,7 @@ class Graph:
         """
         from scipy import sparse
 
-        csr = sparse.csr_array(matrix)
+        csr = sparse.csr_array(matrix, copy=True)
         if csr.shape[0] != csr.shape[1]:
             raise ValueError(f"the matrix must be square, got {csr.shape}")
         csr.sum_duplicates()
@@ -329,6 +336,8 @@ class GridGraph:
             raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
         steps: tuple[float, ...] | None = None
         if spacing is not None:
+            if np.ndim(spacing) != 1:
+                raise ValueError(f"spacing must hold {len(sizes)} numbers, one per axis, got {spacing}")
             steps = tuple(float(s) for s in spacing)
             if len(steps) != len(sizes) or not all(math.isfinite(s) and s > 0 for s in steps):
                 raise ValueError(f"spacing must hold {len(sizes)} finite numbers > 0, got {spacing}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -38,7 +38,7 @@ def denoise_image(
     tol: float | None = None,
     eps: float | None = None,
     mask: npt.ArrayLike | None = None,
-    spacing: tuple[float, ...] | None = None,
+    spacing: Sequence[float] | None = None,
     channel_axis: int | None = None,
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
@@ -58,7 +58,8 @@ def denoise_image(
     lam : float or array, optional
         Fidelity >= 0, a number or one value per pixel: larger stays closer to the image.
     radius : float, optional
-        Reach of the window, in the units of `spacing`.
+        Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells (2 in a volume), or the
+        nearest neighbours for constant weights.
     metric : {"chebyshev", "euclidean", "cityblock"}, optional
         Shape of the window: square, disk or diamond.
     weights : Weights or array, optional
@@ -73,7 +74,7 @@ def denoise_image(
         True where a pixel takes part. The others come back as they are, NaN included; patches over them see the nearest
         pixel that takes part.
     spacing : tuple of float, optional
-        Size of a pixel along each axis; None means 1.
+        Size of a pixel along each axis; None means 1. `radius` and the spatial part of weights are in its units.
     channel_axis : int, optional
         The axis of the channels, regularized together; None for a grey image.
     backend : str, default "auto"
@@ -121,6 +122,7 @@ def denoise_image(
         tol=tol,
         eps=eps,
         mask=mask,
+        spacing=spacing,
         channel_axis=channel_axis,
     )
     return run_plan(
@@ -128,7 +130,6 @@ def denoise_image(
         image,
         solver=solver,
         mask=mask,
-        spacing=spacing,
         channel_axis=channel_axis,
         backend=backend,
         dtype=dtype,
@@ -143,7 +144,6 @@ def run_plan(
     *,
     solver: str | Solver = "jacobi",
     mask: npt.ArrayLike | None = None,
-    spacing: tuple[float, ...] | None = None,
     channel_axis: int | None = None,
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
@@ -170,7 +170,7 @@ def run_plan(
     f0 = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
     f0 = f0.astype(np.result_type(kind, np.float32), copy=False)
     inside = None if mask is None else np.asarray(mask)
-    grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=spacing, mask=inside)
+    grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     if inside is not None and not inside.all():
         f0 = filled(f0, inside)
     eps = plan.eps

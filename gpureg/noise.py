@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .graph import unmasked
+
 # Share of the pixels that is measured, the smoothest ones, but no fewer than so many.
 _SMOOTHEST, _AT_LEAST = 0.1, 200
 _SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
@@ -53,7 +55,7 @@ def estimate_noise(
     >>> round(estimate_noise(ramp + np.random.default_rng(7).normal(0, 5, ramp.shape)), 1)
     4.8
     """
-    array = np.asarray(image)
+    array = unmasked(image, "image")
     if array.dtype.kind not in "biuf":
         raise TypeError(f"image must hold real numbers, got {array.dtype}")
     channels = [array] if channel_axis is None else list(np.moveaxis(array, channel_axis, 0))

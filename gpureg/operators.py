@@ -35,6 +35,8 @@ def _put(
     f0: npt.ArrayLike | None = None,
 ) -> tuple[DeviceProblem, FloatArray]:
     """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
+    if isinstance(eps, bool) or not isinstance(eps, int | float | np.number):
+        raise TypeError(f"eps must be a number, got {eps!r}")
     kind = np.dtype(settings.get("dtype") or np.float32)
     make = {"p": p, "lam": lam, "weights": settings.get("weights"), "gamma": settings.get("gamma", "sqrt")}
     make |= {"coupled": coupled, "eps": eps, "dtype": kind}

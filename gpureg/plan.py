@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .graph import GridGraph, Metric
+from .graph import GridGraph, Metric, unmasked
 from .noise import estimate_noise
 from .weights import Bilateral, Constant, Patch, Weights, constant, guided, patch
 
@@ -36,8 +37,10 @@ class DenoisePlan:
         As in :func:`gpureg.regularize`; ``max_iter`` 0 leaves the image as it is.
     opponent : bool
         Whether the weights compare brightness and, less strictly, two opponent colours instead of red, green and blue.
-    ndim : int
-        Axes of the image besides its channels.
+    spacing : tuple of float or None
+        Size of a pixel along each axis, None where the window is one of cells.
+    window : tuple of int
+        Sides of the neighbourhood in cells.
     """
 
     sigma: float
@@ -51,25 +54,25 @@ class DenoisePlan:
     tol: float | None = None
     eps: float | None = None
     opponent: bool = False
-    ndim: int = 2
+    spacing: tuple[float, ...] | None = None
+    window: tuple[int, ...] = ()
 
     def describe(self) -> str:
         """The plan in one line."""
         if self.max_iter == 0:
             found = np.ndim(self.lam) == 0 and self.lam == math.inf
             return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
-        side = 2 * int(self.radius) + 1
-        w, window = self.weights, "x".join([str(side)] * self.ndim) + " window"
+        w, window = self.weights, "x".join(map(str, self.window)) + " window"
         if self.metric != "chebyshev":
             window = (
-                f"{2 * self.ndim} neighbours"
+                f"{2 * len(self.window)} neighbours"
                 if (self.radius, self.metric) == (1, "cityblock")
                 else f"{window} ({self.metric})"
             )
         if isinstance(w, Patch):
             shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
             colours = ", opponent colours" if self.opponent else ""
-            patches = "x".join([str(2 * w.radius + 1)] * self.ndim) + f" {shape} patches"
+            patches = "x".join([str(2 * w.radius + 1)] * len(self.window)) + f" {shape} patches"
             kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
         elif isinstance(w, Bilateral):
             kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
@@ -96,6 +99,7 @@ def plan_denoising(
     tol: float | None = None,
     eps: float | None = None,
     mask: npt.ArrayLike | None = None,
+    spacing: Sequence[float] | None = None,
     channel_axis: int | None = None,
 ) -> DenoisePlan:
     """Choose what :func:`denoise_image` would do; the parameters are the same, and what is given is kept.
@@ -124,15 +128,17 @@ def plan_denoising(
     """
     array = checked(image, channel_axis, mask)
     channels = 1 if channel_axis is None else array.shape[channel_axis]
+    for name, number in (("sigma", sigma), ("p", p)):
+        if number is not None and (isinstance(number, bool) or not isinstance(number, int | float | np.number)):
+            raise TypeError(f"{name} must be a number, got {number!r}")
     if sigma is not None and not (math.isfinite(sigma) and sigma >= 0):
         raise ValueError(f"sigma must be finite and >= 0, got {sigma}")
     if p is not None and not (math.isfinite(p) and p > 0):
         raise ValueError(f"p must be finite and > 0, got {p}")
     if max_iter is not None and max_iter < 0:
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
-    # Asks for the window's own checks, whatever becomes of it.
-    ndim = array.ndim - (channel_axis is not None)
-    GridGraph((1,) * ndim, 1 if radius is None else radius, metric or "chebyshev")
+    cells = array.shape if channel_axis is None else tuple(np.delete(array.shape, channel_axis).tolist())
+    ndim = len(cells)
     estimated = sigma is None
     noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
     spread = _contrast(array, channel_axis, mask)
@@ -142,15 +148,30 @@ def plan_denoising(
     local = isinstance(weights, Constant) or (weights is None and p not in (None, 2))
     if metric is None:
         metric = "cityblock" if local and radius is None else "chebyshev"
+    # What was given is checked here, whatever becomes of it; the image's own size cuts the window short.
+    widest = 1.0 if spacing is None or np.ndim(spacing) != 1 else max(spacing, default=1.0)
+    given = GridGraph(cells, widest if radius is None else radius, metric, spacing=spacing)
+    if radius is None and local:
+        # The nearest neighbours, however far apart: constant weights do not look at distances.
+        reach, steps = 1.0, None
+    elif radius is None:
+        # So many of the finest cells, and one cell at least along every axis.
+        finest, coarsest = (min(given.spacing), max(given.spacing)) if given.spacing else (1.0, 1.0)
+        reach, steps = max((7.0 if ndim == 2 else 2.0) * finest, coarsest), given.spacing
+    else:
+        reach, steps = float(radius), given.spacing
+    offsets = GridGraph(cells, reach, metric, spacing=steps).offsets
+    window = tuple((2 * np.abs(offsets).max(axis=0, initial=0) + 1).tolist())
+    place: dict[str, Any] = {"radius": reach, "metric": metric, "spacing": steps, "window": window}
     opponent = False
     # Half a grey level: what rounding alone may add.
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
-    if negligible and estimated and weights is None and (lam is None or not local):
-        reach, degree = 1.0 if radius is None else radius, 2.0 if p is None else float(p)
-        return DenoisePlan(noise, estimated, constant(), reach, metric, degree, math.inf, 0, tol, eps, ndim=ndim)
+    if negligible and (estimated or noise == 0) and weights is None and (lam is None or not local):
+        degree = 2.0 if p is None else float(p)
+        return DenoisePlan(noise, estimated, constant(), p=degree, lam=math.inf, max_iter=0, tol=tol, eps=eps, **place)
     if not local and p in (None, 2):
         # lam = 2: the centre counted once
-        default_lam, default_radius, default_iterations = 2.0, 7.0 if ndim == 2 else 2.0, 1
+        default_lam, default_iterations = 2.0, 1
         if weights is None:
             # The rule's unit is the 255th part of the contrast.
             level = min(60.0, 255 * noise / spread) if spread > 0 else 60.0
@@ -161,16 +182,14 @@ def plan_denoising(
                 # the noise's share of a distance in opponent colours, as a part of that in three equal channels
                 a, h, share = 0.8 * a, 1.15, math.sqrt((_OPPONENT**2).sum() / 3)
             h *= noise / a
-            if h <= 0:
-                raise ValueError("without noise (sigma = 0) there is nothing to choose from: give the weights")
             weights = patch(min(3 if ndim == 2 else 1, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
             default_lam = 1.0
     else:
         degree = 2.0 if p is None else p
         if lam is None and noise == 0:
-            raise ValueError("without noise (sigma = 0) there is nothing to choose lam from: give it")
+            raise ValueError("without noise there is nothing to choose lam from: give it")
         weights = constant() if weights is None else weights
-        default_lam, default_radius = (2.2 * noise ** (degree - 2) if noise else 0.0), 1.0
+        default_lam = 2.2 * noise ** (degree - 2) if noise else 0.0
         default_iterations = 3 if degree == 2 else 200  # at p = 2 more sweeps only blur
         if tol is None and max_iter is None and degree != 2:
             tol = 1e-4
@@ -178,15 +197,13 @@ def plan_denoising(
         sigma=noise,
         estimated=estimated,
         weights=weights,
-        radius=default_radius if radius is None else radius,
-        metric=metric,
         p=2.0 if p is None else float(p),
         lam=default_lam if lam is None else lam,
         max_iter=default_iterations if max_iter is None else max_iter,
         tol=tol,
         eps=eps,
         opponent=opponent,
-        ndim=ndim,
+        **place,
     )
 
 
@@ -199,9 +216,11 @@ def weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLi
 
 def checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> npt.NDArray[Any]:
     """`image` as an array, after checking values, axes and mask."""
-    array = np.asarray(image)
+    array = unmasked(image, "image")
     if array.dtype.kind not in "iuf":
         raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
+    if channel_axis is not None and (isinstance(channel_axis, bool) or not isinstance(channel_axis, int | np.integer)):
+        raise TypeError(f"channel_axis must be an integer, got {channel_axis!r}")
     if channel_axis is not None and not -array.ndim <= channel_axis < array.ndim:
         raise ValueError(f"channel_axis must lie in {-array.ndim}..{array.ndim - 1}, got {channel_axis}")
     cells = np.moveaxis(array, channel_axis, -1) if channel_axis is not None else array[..., None]
@@ -238,8 +257,7 @@ def _contrast(array: npt.NDArray[Any], channel_axis: int | None, mask: npt.Array
     from scipy import ndimage
 
     cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    with np.errstate(over="ignore"):
-        cells = cells.astype(np.float32)
+    cells = cells.astype(np.float64 if array.dtype.itemsize > 4 else np.float32)
     if mask is not None:
         cells = filled(cells, np.asarray(mask))
     smooth = ndimage.gaussian_filter(cells, (2.0,) * (cells.ndim - 1) + (0.0,))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .backends import Array, Backend, Weighted
-from .graph import FloatArray, Graph, GridGraph
+from .graph import FloatArray, Graph, GridGraph, unmasked
 from .weights import Weights
 
 AnyGraph = Graph | GridGraph
@@ -24,9 +24,9 @@ RELATIVE_EPS = 1e-3
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
     """`values` as a float function on the vertices, (n, m), after checking shape and finiteness.
 
-    NaN and infinity are allowed only under the mask of a grid, where they become 0.
+    Outside the mask of a grid anything is allowed, NaN too, and becomes 0.
     """
-    array = np.asarray(values)
+    array = unmasked(values, name)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
     n = graph.n_vertices
@@ -43,10 +43,9 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
     flat = flat.astype(np.float64 if flat.dtype.itemsize > 4 or flat.dtype.kind != "f" else np.float32)
-    bad = ~np.isfinite(flat)
-    if bad.any() and isinstance(graph, GridGraph) and graph.mask is not None:
+    if isinstance(graph, GridGraph) and graph.mask is not None:
         flat[~graph.mask.ravel()] = 0
-        bad = ~np.isfinite(flat)
+    bad = ~np.isfinite(flat)
     if bad.any():
         raise ValueError(
             f"{name} must be finite, got {flat[bad][0]} at {int(bad.sum())} place(s); "
@@ -121,6 +120,8 @@ class Problem:
             raise TypeError(f"p must be a number, got {type(p).__name__}")
         if not (math.isfinite(p) and p > 0):
             raise ValueError(f"p must be finite and > 0, got {p}")
+        if not isinstance(gamma, str):
+            raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)} (an array is not taken yet), got {gamma!r}")
         if gamma not in GAMMAS:
             raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, got {gamma!r}")
         if not isinstance(coupled, bool | np.bool_):
@@ -136,21 +137,36 @@ class Problem:
             # A Graph made with them checks shape, sign and symmetry.
             given = Graph(graph.indptr, graph.indices, np.asarray(weights)).weights
         return cls(
-            graph, data, float(p), as_lam(graph, lam), given, gamma, bool(coupled), _check_eps(eps, p, data, dtype)
+            graph,
+            data,
+            float(p),
+            as_lam(graph, lam),
+            given,
+            gamma,
+            bool(coupled),
+            _check_eps(eps, p, _inside(graph, data), dtype),
         )
 
     @property
     def data_range(self) -> float:
-        """Largest minus smallest value of the data."""
-        return float(self.f0.max() - self.f0.min())
+        """Largest minus smallest value of the data, inside the mask of a grid."""
+        return _spread(_inside(self.graph, self.f0))
+
+
+def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
+    """The rows of a function that belong to vertices inside the mask."""
+    return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
+
+
+def _spread(f: FloatArray) -> float:
+    return float(f.max()) - float(f.min()) if f.size else 0.0
 
 
 def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]) -> float:
     if eps is None:
         if p == 2:
             return 0.0  # the process does not depend on it
-        spread = float(f0.max() - f0.min()) or float(np.abs(f0).max()) or 1.0
-        eps = RELATIVE_EPS * spread
+        eps = RELATIVE_EPS * (_spread(f0) or float(np.abs(f0).max(initial=0)) or 1.0)
     if isinstance(eps, bool) or not isinstance(eps, int | float | np.integer | np.floating):
         raise TypeError(f"eps must be a number, got {type(eps).__name__}")
     if not (math.isfinite(eps) and eps >= 0):
@@ -219,6 +235,15 @@ class DeviceProblem:
         """A device function as the caller's f, (n, m)."""
         host = self.backend.get(self.weighted.graph, f)
         return host if self.scale is None else (host / self.scale).astype(host.dtype)
+
+    def change(self, a: Array, b: Array) -> float:
+        """Largest absolute difference of two device functions as the caller's f; infinity if there is a NaN."""
+        if self.scale is None:
+            return self.backend.max_change(self.weighted, a, b)
+        # The device holds s f. Read back at a check only, and only for these gammas.
+        difference = self.get_function(a).astype(np.float64) - self.get_function(b)
+        largest = float(np.abs(difference).max())
+        return largest if math.isfinite(largest) else math.inf
 
     def energy(self, f: Array) -> float:
         """The eps-smoothed energy of a device function."""

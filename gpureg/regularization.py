@@ -122,7 +122,7 @@ def regularize(
         raise TypeError(f"callback must be callable, got {callback!r}")
     if tol is not None and not (math.isfinite(tol) and tol >= 0):
         raise ValueError(f"tol must be finite and >= 0, got {tol}")
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
     method = resolve(solver)
@@ -131,7 +131,8 @@ def regularize(
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
-    with progress_bar(progress, int(max_iter)) as report:
+    # Numbers out of the type's range are found by the loop, which says so in a sentence.
+    with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, int(max_iter)) as report:
         on_device = DeviceProblem.put(problem, device)
         outcome = run(
             on_device,

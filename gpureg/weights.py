@@ -75,6 +75,12 @@ def _positive(name: str, value: float, *, infinite: bool = False) -> float:
     return float(value)
 
 
+def _inverse_square(sigma: float, backend: Backend) -> float:
+    """1/sigma^2, at most the largest number of the backend's type: infinity times a distance of 0 is no number."""
+    with np.errstate(over="ignore", divide="ignore"):
+        return float(min(np.float64(sigma) ** -2, np.finfo(backend.dtype).max))
+
+
 @dataclass(frozen=True)
 class Constant(Weights):
     """See :func:`constant`."""
@@ -101,8 +107,11 @@ class Bilateral(Weights):
                 steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
             else:
                 steps = _positions(graph, graph.indices) - _positions(graph, graph.edge_rows())
-            spatial = np.exp(-(steps**2).sum(axis=1) / self.sigma_space**2)
-        return backend.patch_distance(graph, f0, PatchForm(np.ones(1), 0.0, self.sigma_value**-2, spatial))
+            # divided first: the square of a tiny sigma would be 0
+            spatial = np.exp(-((steps / self.sigma_space) ** 2).sum(axis=1))
+        return backend.patch_distance(
+            graph, f0, PatchForm(np.ones(1), 0.0, _inverse_square(self.sigma_value, backend), spatial)
+        )
 
 
 @dataclass(frozen=True)
@@ -122,7 +131,7 @@ class Patch(Weights):
             profile = profile / profile.sum()
         ndim = graph.ndim if isinstance(graph, GridGraph) else 1 if graph.grid is None else graph.grid.ndim
         samples = f0.shape[1] * profile.sum() ** ndim
-        form = PatchForm(profile, 2 * self.sigma**2 * samples, self.h**-2)
+        form = PatchForm(profile, 2 * self.sigma**2 * samples, _inverse_square(self.h, backend))
         return backend.patch_distance(graph, f0, form)
 
 
@@ -242,6 +251,8 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
         raise TypeError(f"the patch's radius must be an integer, got {radius!r}")
     if radius < 0:
         raise ValueError(f"the patch's radius must be >= 0, got {radius}")
+    if isinstance(sigma, bool) or not isinstance(sigma, int | float | np.floating | np.integer):
+        raise TypeError(f"sigma must be a number, got {sigma!r}")
     if not (math.isfinite(sigma) and sigma >= 0):
         raise ValueError(f"sigma must be finite and >= 0, got {sigma}")
     return Patch(int(radius), _positive("h", h), float(sigma), None if a is None else _positive("a", a))

@@ -428,7 +428,7 @@ def test_data_under_the_mask_do_not_spread(device):
 MUTATIONS = [
     ("jacobi_step", "total[c] += a[c]", "total[c] -= a[c]"),
     ("jacobi_step", "LOAD(g, AT(u, c, G)) + LOAD(g, AT(v, c, G))", "LOAD(g, AT(u, c, G)) + LOAD(g, AT(u, c, G))"),
-    ("jacobi_step", "isinf(lam) || !(denominator > 0)", "!(denominator > 0)"),
+    ("jacobi_step", "isinf(lam) || !(denominator > SMALLEST)", "!(denominator > SMALLEST)"),
     ("jacobi_step", "old + theta *", "old + (real)1.00001f * theta *"),
     ("gradient_norm", "sum[c] + eps2", "sum[c]"),
     ("p_laplacian", "k < 2 * H", "k < 2 * H - 1"),

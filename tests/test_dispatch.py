@@ -70,8 +70,10 @@ def test_environment_overrides_auto_alone(monkeypatch: pytest.MonkeyPatch) -> No
     assert result.backend.startswith("numpy")
     monkeypatch.setenv("GPUREG_BACKEND", "nonsense")
     assert backends.get("numpy").device.id == "numpy"
-    with pytest.raises(ValueError, match="unknown backend 'nonsense'"):
+    with pytest.raises(ValueError, match=r"unknown backend 'nonsense'.*GPUREG_BACKEND=nonsense"):
         backends.get()
+    monkeypatch.setenv("GPUREG_BACKEND", " numpy ")
+    assert backends.get().device.id == "numpy"
 
 
 def test_a_backend_is_made_once() -> None:

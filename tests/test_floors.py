@@ -20,7 +20,7 @@ FLOORS: dict[str, float] = {
     "graph": 1,
     "result": 1,
     "io": 1,
-    "noise": 1,
+    "noise": 1.5,
     "backends": 2,
     "build": 3,
     "weights": 3,

@@ -322,3 +322,12 @@ def test_blocks_of_vertices_do_not_show(monkeypatch, block):
     for name in ("indptr", "indices", "weights"):
         assert_array_equal(getattr(graph, name), getattr(expected, name))
     assert_array_equal(grid.edges_to_half(graph.weights), half)
+
+
+def test_from_scipy_leaves_the_matrix_as_it_is():
+    matrix = sparse.csr_array((np.ones(4), [2, 1, 0, 0], [0, 2, 3, 4]), shape=(3, 3))
+    for array in (matrix.data, matrix.indices, matrix.indptr):
+        array.flags.writeable = False
+    kept = matrix.indices.copy()
+    Graph.from_scipy(matrix)
+    np.testing.assert_array_equal(matrix.indices, kept)

@@ -207,7 +207,11 @@ def test_tiny_pictures(shape: tuple[int, int]) -> None:
         ({"channel_axis": 2}, ValueError, "channel_axis must lie in -2..1, got 2"),
         ({"sigma": -1}, ValueError, "sigma must be finite and >= 0, got -1"),
         ({"sigma": math.nan}, ValueError, "sigma must be finite"),
-        ({"sigma": 0, "p": 1}, ValueError, "nothing to choose lam from"),
+        ({"sigma": "a"}, TypeError, "sigma must be a number, got 'a'"),
+        ({"p": "2"}, TypeError, "p must be a number, got '2'"),
+        ({"channel_axis": True}, TypeError, "channel_axis must be an integer"),
+        ({"image": np.ma.masked_array(np.zeros((5, 5)))}, TypeError, "masked array"),
+        ({"spacing": 2, "sigma": 1}, ValueError, "spacing must hold 2 numbers"),
         ({"p": -1}, ValueError, "p must be finite and >"),
         ({"p": 0}, ValueError, "p must be finite and > 0"),
         ({"lam": -1, "sigma": 1}, ValueError, "lam must be >= 0"),
@@ -222,6 +226,31 @@ def test_wrong_arguments_get_a_sentence(wrong: dict, error: type, says: str) -> 
     call = {"image": noisy(blocks((12, 12), 4), 20), "backend": "numpy", **wrong}
     with pytest.raises(error, match=says):
         gr.denoise_image(call.pop("image"), **call)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 0.1, 100.0])
+def test_windows_follow_the_spacing(scale: float) -> None:
+    """No radius given: the window is one of cells, whatever unit these are measured in."""
+    before = noisy(blocks(), 20)
+    plain, scaled = gr.plan_denoising(before), gr.plan_denoising(before, spacing=(scale, scale))
+    assert scaled.window == plain.window == (15, 15)
+    assert scaled.describe() == plain.describe()
+    assert np.array_equal(
+        gr.denoise_image(before, spacing=(scale, scale), backend="numpy"), gr.denoise_image(before, backend="numpy")
+    )
+    volume = noisy(blocks((9, 20, 20), 8), 20)
+    thick = gr.plan_denoising(volume, spacing=(3 * scale, scale, scale))
+    assert thick.window == (3, 7, 7)  # the neighbouring slices take part
+    nearest = gr.plan_denoising(volume, p=1, spacing=(3 * scale, scale, scale))
+    assert nearest.window == (3, 3, 3)
+    assert "6 neighbours" in nearest.describe()
+    assert gr.plan_denoising(before, radius=1e9).window == (95, 127)
+
+
+def test_no_noise_given_or_found_is_the_same() -> None:
+    before = noisy(blocks(), 20)
+    for settings in ({}, {"p": 1}):
+        assert np.array_equal(gr.denoise_image(before, sigma=0, backend="numpy", **settings), before)
 
 
 def test_interruption_gives_an_image(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import multiprocessing
+import subprocess
+import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -11,6 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import gpureg as gr
+from gpureg import backends
 from gpureg.solvers import Jacobi
 
 
@@ -249,6 +255,90 @@ def test_mask_leaves_vertices_out() -> None:
     assert (other.value[outside] == 77.0).all()
 
 
+def test_graphs_are_released(device: str) -> None:
+    """Devices keep what they made of a graph for as long as the graph lives, and no longer."""
+    for make in (lambda: gr.GridGraph((9, 8), 2), lambda: gr.GridGraph((9, 8), 2).to_graph()):
+        made = make()
+        gone = weakref.ref(made)
+        gr.regularize(np.arange(72.0), made, p=1, max_iter=2, backend=device, weights=gr.weights.patch(0, 9.0))
+        del made
+        gc.collect()
+        assert gone() is None
+
+
+def test_values_outside_the_mask_decide_nothing() -> None:
+    image = 1000 + rng(7).random((16, 17))
+    mask = np.ones(image.shape, bool)
+    mask[:4] = False
+    grid = gr.GridGraph(image.shape, 1, "cityblock", mask=mask)
+    results = [run(np.where(mask, image, out), grid, p=1, lam=2, tol=1e-4) for out in (-9999.0, 0.0, np.nan, 1000.5)]
+    spread = image[mask].max() - image[mask].min()
+    for result in results:
+        assert result.eps == pytest.approx(1e-3 * spread)
+        assert result.iterations == results[0].iterations
+        assert np.array_equal(result.value[mask], results[0].value[mask])
+
+
+@pytest.mark.parametrize("gamma", ["combinatorial", "normalized", "degree"])
+def test_tolerance_is_in_the_units_of_the_data(gamma: str) -> None:
+    """The device iterates on s f for these gammas; tol and Check.change speak of f."""
+    grid, f0 = gr.GridGraph((16, 16), 4), rng(9).random((16, 16))
+    last = []
+    settings = {"gamma": gamma, "lam": 0.01, "solver": Jacobi(check_every=1)}
+    result = run(f0, grid, tol=1e-3, callback=lambda check: last.append(check.change), max_iter=500, **settings)
+    before = run(f0, grid, max_iter=result.iterations - 1, **settings)
+    change = np.abs(result.value - before.value).max()
+    assert last[-1] == pytest.approx(change, rel=1e-9)
+    assert change <= 1e-3 * (f0.max() - f0.min())
+
+
+def test_weights_near_underflow_give_no_garbage(device: str) -> None:
+    """A quotient of denormal numbers has few digits: the result stays in the hull of the data or is the data."""
+    f = np.linspace(0.31, 0.39, 40)
+    f[20] = 10.37
+    for h in (1.0, 0.99, 0.98, 0.97, 0.9):
+        settings = {"weights": gr.weights.patch(0, h), "backend": device}
+        value = gr.regularize(f, gr.GridGraph(40, 3), lam=0, max_iter=1, **settings).value[20]
+        assert 0.34 <= value <= 0.36 or value == np.float32(10.37)
+
+
+def test_extreme_parameters_of_weights(device: str) -> None:
+    """1/h^2 beyond the type's range: equal values still have weight 1, others 0, on every device."""
+    f0 = np.array([1.0, 1.0, 2.0, 2.0, 3.0])
+    for extreme in (gr.weights.patch(0, 1e-200), gr.weights.patch(0, 1e-25), gr.weights.bilateral(np.inf, 1e-200)):
+        result = gr.regularize(f0, gr.GridGraph(5), lam=0, max_iter=1, weights=extreme, backend=device)
+        assert np.array_equal(result.value, f0)
+
+
+def test_a_check_is_read_inside_the_callback() -> None:
+    checks = []
+    run(np.arange(9.0), gr.GridGraph(9), max_iter=20, callback=lambda check: checks.append(check))
+    assert np.isfinite(checks[-1].value()).all()  # nothing came after it
+    with pytest.raises(RuntimeError, match="inside the callback"):
+        checks[0].value()
+
+
+def test_forked_process_gets_a_sentence() -> None:
+    """OpenCL's threads do not survive a fork: a wait in the child would never end."""
+    if "fork" not in multiprocessing.get_all_start_methods() or "opencl" in backends.absent():
+        pytest.skip("needs fork and OpenCL")
+    gr.regularize(np.arange(9.0), gr.GridGraph(9), max_iter=1, backend="opencl")
+    script = (
+        "import multiprocessing, numpy as np, gpureg as gr\n"
+        "job = lambda *_: gr.regularize(np.arange(9.0), gr.GridGraph(9), backend='opencl')\n"
+        "job()\n"
+        "def child(q):\n"
+        "    try: job(); q.put('no error')\n"
+        "    except gr.BackendUnavailable as error: q.put(str(error))\n"
+        "context = multiprocessing.get_context('fork')\n"
+        "q = context.Queue()\n"
+        "context.Process(target=child, args=(q,), daemon=True).start()\n"
+        "print(q.get(timeout=60))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    assert "does not survive a fork" in done.stdout
+
+
 GRID = gr.GridGraph((3, 4))
 F0 = np.zeros((3, 4))
 BAD = [
@@ -272,6 +362,8 @@ BAD = [
     ({"weights": np.ones(3)}, ValueError, r"weights must have shape .*got \(3,\)"),
     ({"weights": np.arange(GRID.n_edges)}, ValueError, "same in both directions"),
     ({"gamma": "cubic"}, ValueError, "gamma must be one of sqrt.*got 'cubic'"),
+    ({"gamma": np.ones(4)}, TypeError, "gamma must be a name"),
+    ({"f0": np.ma.masked_array(np.zeros((3, 4)))}, TypeError, "masked array"),
     ({"eps": -1}, ValueError, "eps must be finite and >= 0, got -1"),
     ({"eps": 0, "p": 1}, ValueError, "eps = 0 is too small for p = 1"),
     ({"eps": 1e-25, "p": 1}, ValueError, "too small for p = 1 in float32"),
@@ -313,9 +405,13 @@ def test_wrong_solver_settings() -> None:
         Jacobi(damping=0)
     with pytest.raises(ValueError, match="check_every must be >= 1, got 0"):
         Jacobi(check_every=0)
+    with pytest.raises(TypeError, match="check_every must be a number"):
+        Jacobi(check_every=2.5)
+    with pytest.raises(TypeError, match="damping must be a number, got 'a'"):
+        Jacobi(damping="a")
 
 
 def test_values_out_of_range_of_the_type_are_an_error() -> None:
     f0 = np.array([0.0, 3e38, -3e38])
-    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(FloatingPointError, match="no longer finite"):
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(FloatingPointError, match="not finite"):
         gr.regularize(f0, gr.GridGraph(3), p=1, lam=1, backend="numpy", dtype=np.float32)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib
 import os
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +51,19 @@ class _Probe:
     problem: str | None
 
 
-@functools.cache
+_probing = threading.RLock()
+_probes: dict[str, _Probe] = {}
+
+
 def _probe(name: str) -> _Probe:
     """Devices of one backend, or why there are none. Importing Warp takes a while, so each is asked once."""
+    with _probing:
+        if name not in _probes:
+            _probes[name] = _ask(name)
+        return _probes[name]
+
+
+def _ask(name: str) -> _Probe:
     module, install = _BACKENDS[name]
     try:
         found = tuple(importlib.import_module(module).devices())
@@ -110,9 +121,15 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
     return best
 
 
+def _forced() -> str:
+    """What the environment puts in the place of "auto", or nothing."""
+    forced = os.environ.get("GPUREG_BACKEND", "").strip()
+    return "" if forced == "auto" else forced
+
+
 def why_auto(dtype: npt.DTypeLike = np.float32) -> str:
     """A sentence: what "auto" takes, and why."""
-    forced = os.environ.get("GPUREG_BACKEND")
+    forced = _forced()
     if forced:
         return f"GPUREG_BACKEND={forced} overrides auto."
     device = auto(dtype)
@@ -132,7 +149,7 @@ def _find(name: str, dtype: npt.DTypeLike) -> Device:
         others = ", ".join(device.id for device in devices())
         raise BackendUnavailable(f"backend {family!r} is not available, {probe.problem}. Available: {others}")
     wide = np.dtype(dtype) == np.float64
-    if not rest:
+    if not rest and family == name:
         able = [device for device in probe.devices if device.float64 or not wide]
         if not able:
             raise BackendUnavailable(f"no device of backend {family!r} computes in float64; use dtype float32")
@@ -170,11 +187,15 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     BackendUnavailable
         A backend or device that is not there; the message says what is, and what to install.
     """
-    kind = np.dtype(dtype)
+    kind = np.dtype(dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
     if not isinstance(name, str):
         raise TypeError(f"backend must be a name, got {type(name).__name__}")
-    if name == "auto":
-        name = os.environ.get("GPUREG_BACKEND") or "auto"
+    forced = _forced() if name == "auto" else ""
+    if forced:
+        try:
+            return _make(_find(forced, kind), kind)
+        except (ValueError, BackendUnavailable) as error:
+            raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
     return _make(auto(kind) if name == "auto" else _find(name, kind), kind)

@@ -205,7 +205,7 @@ class NumpyBackend(Backend):
         lam = np.broadcast_to(np.asarray(lam, self.dtype).reshape(-1, 1), (len(f), 1))
         pinned = np.isinf(lam)
         denominator = np.where(pinned, 0, lam) + total
-        keeps_data = pinned | ~(denominator > 0)
+        keeps_data = pinned | ~(denominator > (1e-290 if self.dtype == np.float64 else 1e-30))
         moved = (np.where(pinned, 0, lam) * f0 + sums) / np.where(keeps_data, 1, denominator)
         if theta != 1:
             moved = f + self.real(theta) * (moved - f)

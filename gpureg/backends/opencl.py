@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import re
 import threading
 import weakref
@@ -100,12 +101,13 @@ class _Queue:
     queue: cl.CommandQueue
     kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
     lock: threading.RLock  # a kernel object holds its arguments: one caller at a time
+    process: int
 
 
 @functools.cache
 def _queue(device: cl.Device) -> _Queue:
     context = cl.Context([device])
-    return _Queue(context, cl.CommandQueue(context), {}, threading.RLock())
+    return _Queue(context, cl.CommandQueue(context), {}, threading.RLock(), os.getpid())
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +138,12 @@ class OpenCLBackend(Backend):
     # Buffers
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
+        if os.getpid() != self._shared.process:
+            # The driver's threads stayed in the parent: a wait here would have no end.
+            raise BackendUnavailable(
+                "OpenCL does not survive a fork: start processes by spawn (multiprocessing.set_start_method), "
+                "or use backend='numpy' in them"
+            )
         limit = int(self.device.handle.max_mem_alloc_size)
         if nbytes > limit:
             raise MemoryError(

@@ -113,7 +113,8 @@ class GridLayout(Layout):
 
     def __init__(self, upload: Upload, graph: GridGraph, lanes: int) -> None:
         N = lanes
-        self.graph, self.options = graph, ("-DGRID", f"-DNDIM={graph.ndim}")
+        # not the graph: the layouts are kept for as long as their graph lives
+        self.shape, self.options = graph.shape, ("-DGRID", f"-DNDIM={graph.ndim}")
         self.W = graph.shape[-1]
         self.rows = math.prod(graph.shape[:-1])
         self.H = graph.half_window
@@ -166,7 +167,7 @@ class GridLayout(Layout):
 
     def unpack_weights(self, flat: FloatArray) -> FloatArray:
         half = self._weight_rows(flat).transpose(1, 0, 2)
-        return np.ascontiguousarray(half).reshape(self.H, *self.graph.shape)
+        return np.ascontiguousarray(half).reshape(self.H, *self.shape)
 
     def args(self, weights: Buffer) -> list[Any]:
         return [

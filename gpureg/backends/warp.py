@@ -129,7 +129,8 @@ class _Csr:
             )
         self.shape = (1, graph.n_vertices)
         self.weight_shape: tuple[int, ...] = (max(graph.n_edges, 1),)
-        self._graph = graph
+        # not the graph: the layouts are kept for as long as their graph lives
+        self._n_edges = graph.n_edges
         self._real = backend.real
         self._struct = csr.struct(self._real)
         self.indptr = backend.upload(graph.indptr.astype(np.int32), wp.int32)
@@ -139,7 +140,7 @@ class _Csr:
         return weights
 
     def unpack_weights(self, packed: FloatArray) -> FloatArray:
-        return packed[: self._graph.n_edges]
+        return packed[: self._n_edges]
 
     def access(self, weighted: bool) -> Any:
         return csr.make(self._real, weighted)
@@ -159,7 +160,7 @@ class _Grid:
         self.shape = (math.prod(graph.shape[:-1]), graph.shape[-1])
         self.H = graph.half_window
         self.weight_shape = (self.shape[0], max(self.H, 1), self.shape[1])
-        self._graph = graph
+        self._graph_shape = graph.shape
         self._real = backend.real
         self._struct, place, sizes = grid.struct(self._real, graph.ndim)
         leading = graph.ndim - 1 if graph.ndim > 2 else 0
@@ -175,10 +176,10 @@ class _Grid:
 
     def unpack_weights(self, packed: FloatArray) -> FloatArray:
         half = packed[:, : self.H].transpose(1, 0, 2)
-        return np.ascontiguousarray(half).reshape(self.H, *self._graph.shape)
+        return np.ascontiguousarray(half).reshape(self.H, *self._graph_shape)
 
     def access(self, weighted: bool) -> Any:
-        return grid.make(self._real, self._graph.ndim, weighted)
+        return grid.make(self._real, len(self._graph_shape), weighted)
 
     def argument(self, weights: Any) -> Any:
         argument = self._struct()

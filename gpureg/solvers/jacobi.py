@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..backends import Array
 from ..problem import DeviceProblem
 from .loop import Solver
@@ -30,8 +32,8 @@ class Jacobi(Solver):
 
     Raises
     ------
-    ValueError
-        A damping outside (0, 1], or check_every < 1.
+    TypeError, ValueError
+        A damping outside (0, 1], a check_every that is no integer >= 1.
 
     Notes
     -----
@@ -47,6 +49,12 @@ class Jacobi(Solver):
     check_every: int = 10
 
     def __post_init__(self) -> None:
+        for name, value, kinds in (
+            ("damping", self.damping, (int, float, np.number)),
+            ("check_every", self.check_every, (int, np.integer)),
+        ):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, kinds)):
+                raise TypeError(f"{name} must be a number, got {value!r}")
         if self.damping is not None and not 0 < self.damping <= 1:
             raise ValueError(f"damping must lie in (0, 1], got {self.damping}")
         if self.check_every < 1:

@@ -44,7 +44,7 @@ class Check:
     change : float
         Largest change of a value in the last iteration, in the data's units; infinity before the first.
     value : callable
-        ``check.value()`` reads the current iterate (n, m) back from the device.
+        ``check.value()`` reads the current iterate (n, m) back from the device; inside the callback only.
     """
 
     iteration: int
@@ -105,14 +105,29 @@ def run(
     energies, checks = [problem.energy(initial)], [0]
     state, done = solver.start(problem, initial), 0
 
+    def expect_finite(*numbers: float) -> None:
+        if not all(map(math.isfinite, numbers)):
+            raise FloatingPointError(
+                f"values are not finite after {done} iterations: the data, lam or eps are out of the range of "
+                f"{np.dtype(backend.dtype)}; rescale the data, or use float64"
+            )
+
+    expect_finite(energies[0])
+
     def outcome(stop: Stop) -> Outcome:
         return Outcome(state.f, done, stop, energies, checks)
 
     def is_told_to_stop(change: float) -> bool:
         if callback is None:
             return False
-        now = state.f
-        check = Check(done, energies[-1], change, lambda: problem.get_function(now))
+        now, at = state.f, done
+
+        def value() -> FloatArray:
+            if done != at:
+                raise RuntimeError("check.value() reads the iterate of its own check: call it inside the callback")
+            return problem.get_function(now)
+
+        check = Check(done, energies[-1], change, value)
         return callback(check) is True
 
     try:
@@ -122,13 +137,9 @@ def run(
             for _ in range(min(solver.check_every, max_iter - done)):
                 # One assignment of a pair: an interrupt falls before or after a whole iteration.
                 state, done = solver.step(problem, state), done + 1
-            change = backend.max_change(problem.weighted, state.f, state.previous)
+            change = problem.change(state.f, state.previous)
             energy = problem.energy(state.f)
-            if not (math.isfinite(change) and math.isfinite(energy)):
-                raise FloatingPointError(
-                    f"values are no longer finite after {done} iterations: the data, lam or eps are out of the "
-                    f"range of {np.dtype(backend.dtype)}; rescale the data, or use float64"
-                )
+            expect_finite(change, energy)
             energies.append(energy)
             checks.append(done)
             report(done)

@@ -4,7 +4,8 @@
  *   out(u) = f(u) + theta (J(u) - f(u))
  *
  * g = |grad_w f|^(p - 2), or 1 without conductances (CONDUCTANCES not defined; p = 2). lam is a number, or one value per
- * vertex (LAM_ARRAY). Where lam is infinite, or lam and all weights are 0, out = f0. theta = 1 is the paper's process.
+ * vertex (LAM_ARRAY). Where lam is infinite, or the denominator is not above SMALLEST (lam and
+ * all weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances and lam, of which a grid
@@ -57,7 +58,7 @@ __kernel void jacobi_step(
         const realN data = LOAD(f0, AT(u, c, M));
         const realN old = LOAD(f, AT(u, c, M));
         const realN denominator = lam + total[G == 1 ? 0 : c];
-        const laneN keeps_data = isinf(lam) || !(denominator > 0);
+        const laneN keeps_data = isinf(lam) || !(denominator > SMALLEST);
         const realN moved = old + theta * ((lam * data + sum[c]) / denominator - old);
         const realN plain = (lam * data + sum[c]) / denominator;
         STORE(out, AT(u, c, M), USED(keeps_data ? data : (theta == (real)1 ? plain : moved)));

@@ -52,6 +52,13 @@ typedef CONCATENATE(LANE_, N) laneN;
 #endif
 #endif
 
+/* A sum of weights below this is taken for 0: of numbers so small a quotient has few digits left, or none. */
+#ifdef DOUBLE
+#define SMALLEST 1e-290
+#else
+#define SMALLEST 1e-30f
+#endif
+
 /* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
 #define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
 

@@ -4,7 +4,8 @@
   out(u) = f(u) + theta (J(u) - f(u))
 
 g = |grad_w f|^(p - 2), or 1 without conductances (p = 2). lam is a number, or one value per vertex. Where lam is
-infinite, or lam and all weights are 0, out = f0. theta = 1 is the paper's process.
+infinite, or the denominator is not above `smallest` (lam and all weights are 0, or nearly), out = f0. theta = 1 is the
+paper's process.
 
 One work item: one vertex.
 Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances and lam, of which a grid
@@ -28,6 +29,7 @@ def make(access, M, G, conductances, lam_array):
     pair = reals.conductance(real, Place, G, conductances)
     lam_type, lam_at = reals.fidelity(real, Place, lam_array)
     last = G - 1
+    smallest = reals.smallest(real)
 
     # The two sums: of a(u, v) f(v), and of a(u, v).
     @wp.func
@@ -45,7 +47,7 @@ def make(access, M, G, conductances, lam_array):
     @wp.func
     def move(old: real, data: real, pull: real, total: real, lam: real, theta: real) -> real:
         denominator = lam + total
-        if wp.isinf(lam) or not (denominator > real(0.0)):
+        if wp.isinf(lam) or not (denominator > smallest):
             return data
         moved = (lam * data + pull) / denominator
         if theta == real(1.0):

@@ -38,6 +38,11 @@ def vector(real, length):
     return wp.types.vector(length=length, dtype=real)
 
 
+def smallest(real):
+    """A sum of weights below this is taken for 0: of numbers so small a quotient has few digits left, or none."""
+    return wp.constant(real(1e-290 if real == wp.float64 else 1e-30))
+
+
 @functools.cache
 def raising(real):
     """x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items."""
