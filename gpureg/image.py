@@ -14,6 +14,7 @@ import numpy.typing as npt
 from . import backends
 from .graph import GridGraph, Metric
 from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
+from .problem import default_eps
 from .regularization import regularize
 from .result import Interrupted, Result, Stop
 from .solvers import Solver
@@ -173,10 +174,8 @@ def run_plan(
     grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     if inside is not None and not inside.all():
         f0 = filled(f0, inside)
-    eps = plan.eps
-    if eps is None and plan.p != 2:
-        spread = float(f0.max() - f0.min()) or float(np.abs(f0).max()) or 1.0
-        eps = 1e-3 * spread
+    # Of the whole image, also where it goes through in bands.
+    eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
     settings: dict[str, Any] = dict(
         p=plan.p, lam=plan.lam, eps=eps, solver=solver, max_iter=plan.max_iter, tol=plan.tol,
         backend=backend, dtype=kind,

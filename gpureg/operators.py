@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from . import backends
 from .graph import FloatArray, Graph, GridGraph
-from .problem import DeviceProblem, Problem
+from .problem import DeviceProblem, Problem, as_function
 from .weights import Weights
 
 __all__ = ["curvature", "dirichlet_energy", "energy", "gradient_norm", "laplacian", "p_laplacian"]
@@ -37,14 +37,14 @@ def _put(
     """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
     if isinstance(eps, bool) or not isinstance(eps, int | float | np.number):
         raise TypeError(f"eps must be a number, got {eps!r}")
-    kind = np.dtype(settings.get("dtype") or np.float32)
-    make = {"p": p, "lam": lam, "weights": settings.get("weights"), "gamma": settings.get("gamma", "sqrt")}
+    kind = np.dtype(settings["dtype"] or np.float32)
+    make = {"p": p, "lam": lam, "weights": settings["weights"], "gamma": settings["gamma"]}
     make |= {"coupled": coupled, "eps": eps, "dtype": kind}
     problem = Problem.make(f if f0 is None else f0, graph, **make)
-    function = problem.f0 if f0 is None else Problem.make(f, graph, **make).f0
+    function = problem.f0 if f0 is None else as_function(graph, f, "f")
     if function.shape != problem.f0.shape:
         raise ValueError(f"f and f0 must have the same shape, got {np.asarray(f).shape} and {np.asarray(f0).shape}")
-    return DeviceProblem.put(problem, backends.get(settings.get("backend", "auto"), kind)), function
+    return DeviceProblem.put(problem, backends.get(settings["backend"], kind)), function
 
 
 def gradient_norm(

@@ -66,7 +66,7 @@ class DenoisePlan:
         if self.metric != "chebyshev":
             window = (
                 f"{2 * len(self.window)} neighbours"
-                if (self.radius, self.metric) == (1, "cityblock")
+                if self.metric == "cityblock" and max(self.window) <= 3
                 else f"{window} ({self.metric})"
             )
         if isinstance(w, Patch):

@@ -24,7 +24,7 @@ RELATIVE_EPS = 1e-3
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
     """`values` as a float function on the vertices, (n, m), after checking shape and finiteness.
 
-    Outside the mask of a grid anything is allowed, NaN too, and becomes 0.
+    Outside the mask of a grid anything is allowed; what is not finite there becomes 0.
     """
     array = unmasked(values, name)
     if array.dtype.kind not in "biuf":
@@ -43,9 +43,11 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
     flat = flat.astype(np.float64 if flat.dtype.itemsize > 4 or flat.dtype.kind != "f" else np.float32)
-    if isinstance(graph, GridGraph) and graph.mask is not None:
-        flat[~graph.mask.ravel()] = 0
     bad = ~np.isfinite(flat)
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        outside = ~graph.mask.reshape(-1, 1)
+        flat[bad & outside] = 0
+        bad &= ~outside
     if bad.any():
         raise ValueError(
             f"{name} must be finite, got {flat[bad][0]} at {int(bad.sum())} place(s); "
@@ -162,11 +164,14 @@ def _spread(f: FloatArray) -> float:
     return float(f.max()) - float(f.min()) if f.size else 0.0
 
 
+def default_eps(f0: FloatArray, p: float) -> float:
+    """Smoothing where the caller names none: 1e-3 of the data's range, or 0 for p = 2, which does not depend on it."""
+    return 0.0 if p == 2 else RELATIVE_EPS * (_spread(f0) or float(np.abs(f0).max(initial=0)) or 1.0)
+
+
 def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]) -> float:
     if eps is None:
-        if p == 2:
-            return 0.0  # the process does not depend on it
-        eps = RELATIVE_EPS * (_spread(f0) or float(np.abs(f0).max(initial=0)) or 1.0)
+        eps = default_eps(f0, p)
     if isinstance(eps, bool) or not isinstance(eps, int | float | np.integer | np.floating):
         raise TypeError(f"eps must be a number, got {type(eps).__name__}")
     if not (math.isfinite(eps) and eps >= 0):

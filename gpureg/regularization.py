@@ -45,7 +45,8 @@ def regularize(
         The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
         channels. Values are used as they come.
     graph : Graph or GridGraph
-        The graph of n vertices. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex out.
+        The graph of n vertices. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex out;
+        such a value decides nothing, but patches that reach over it see it (NaN as 0).
     p : float, default 2
         Degree of regularity > 0: 2 is Tikhonov's, 1 total variation, towards 0 the result becomes piecewise constant.
     lam : float or array, default 1

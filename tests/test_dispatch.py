@@ -22,13 +22,13 @@ def fake(name: str, *, float64: bool = True) -> Device:
 def present(monkeypatch: pytest.MonkeyPatch):
     """Puts devices of our choice in the place of what this machine has."""
 
-    def put(*devices: Device) -> None:
+    def put(*devices: Device, driver: bool = False) -> None:
         def probe(name: str) -> backends._Probe:
             mine = tuple(device for device in devices if device.backend == name)
             return backends._Probe(mine, None if mine else f"{name} is not installed: pip install 'gpureg[{name}]'")
 
         monkeypatch.setattr(backends, "_probe", probe)
-        cuda = any(device.id.startswith("warp:cuda") for device in devices)
+        cuda = driver or any(device.id.startswith("warp:cuda") for device in devices)
         monkeypatch.setattr(backends, "_cuda_driver", lambda: cuda)
 
     return put
@@ -41,6 +41,13 @@ def test_auto_takes_the_fastest_kind_present(present) -> None:
         assert backends.auto().id == name
         assert name in backends.why_auto()
         assert [device.id for device in backends.devices()] == names[i:]
+
+
+def test_a_cuda_driver_that_warp_cannot_use_changes_nothing(present) -> None:
+    """A container may hold the driver's library without a GPU: Warp then has its CPU alone, which is no reason."""
+    for best in ("opencl:0", "opencl:1"):
+        present(fake("warp:cpu"), fake(best), fake("numpy"), driver=True)
+        assert backends.auto().id == best
 
 
 def test_auto_passes_over_devices_without_float64(present) -> None:

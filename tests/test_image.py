@@ -130,6 +130,27 @@ def test_mask_and_nan() -> None:
         gr.denoise_image(before, mask=mask.astype(int))
 
 
+def test_patches_over_the_mask_see_the_nearest_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stands outside the mask does not matter, and bands agree with the whole image there too."""
+    before = noisy(blocks((60, 40)), 20)
+    mask = np.ones(before.shape, bool)
+    mask[20:34, 8:22] = False
+    call = {"mask": mask, "sigma": 20.0, "backend": "numpy"}
+    whole = gr.denoise_image(np.where(mask, before, np.nan), **call)
+    assert np.array_equal(gr.denoise_image(np.where(mask, before, -9999.0), **call)[mask], whole[mask])
+    # the same by hand: the nearest values put there, weights computed from them
+    filled = door.filled(before[..., None], mask)[..., 0]
+    plan = gr.plan_denoising(np.where(mask, before, np.nan), mask=mask, sigma=20.0)
+    grid = gr.GridGraph(before.shape, 7, mask=mask)
+    by_hand = gr.regularize(filled.astype(np.float32), grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
+    assert np.array_equal(by_hand.value[mask].astype(float), whole[mask])
+    zeros = np.where(mask, before, 0).astype(np.float32)
+    darker = gr.regularize(zeros, grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
+    assert not np.array_equal(darker.value[mask].astype(float), whole[mask])  # so that the above can fail
+    monkeypatch.setattr(door, "BAND_BYTES", 40_000)
+    assert np.array_equal(gr.denoise_image(np.where(mask, before, np.nan), **call)[mask], whole[mask])
+
+
 def test_volume_without_parameters() -> None:
     clean = blocks((12, 32, 32), 8)
     before = noisy(clean, 20)

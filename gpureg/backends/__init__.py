@@ -1,7 +1,7 @@
 """The dispatcher: which devices there are, which one "auto" takes, and why.
 
-To add a backend: a kernel folder, a file here with ``TIER``, ``devices()`` and ``make(device, dtype)``, a line in
-``_BACKENDS``, and an extra in pyproject.toml.
+To add a backend: a kernel folder, a file here with ``devices()`` and ``make(device, dtype)``, a line in ``_BACKENDS``,
+and an extra in pyproject.toml. A device's rank begins with its place in ``TIERS``.
 """
 
 from __future__ import annotations
@@ -108,15 +108,15 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
     The order is CUDA through Warp, an OpenCL GPU, an OpenCL CPU, Warp on the CPU, numpy.
     """
     wide = np.dtype(dtype) == np.float64
-    order = ("warp", "opencl", "numpy") if _cuda_driver() else ("opencl", "warp", "numpy")
+    # What a backend offers at best, as a place in TIERS: one that cannot win is not started, Warp takes a while.
+    at_best = {"warp": 0 if _cuda_driver() else 3, "opencl": 1, "numpy": 4}
     best: Device | None = None
-    for name in order:
+    for name in sorted(_BACKENDS, key=lambda name: at_best.get(name, 0)):
+        if best is not None and best.rank[0] <= at_best.get(name, 0):
+            break
         for device in _probe(name).devices:
             if (device.float64 or not wide) and (best is None or device.rank < best.rank):
                 best = device
-        # Without a CUDA driver an OpenCL device beats all that Warp has: do not start Warp to ask.
-        if best is not None and name == order[0]:
-            break
     assert best is not None  # numpy is always there
     return best
 
