@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 Metric = Literal["chebyshev", "euclidean", "cityblock"]
 METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
+Symmetrize = Literal["max", "mean", "mutual"]
+SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mean", "mutual")
+# The end of every refusal of a directed graph or a repeated edge.
+SYMMETRIZE_MENDS = 'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph mends that'
 
 FloatArray = npt.NDArray[np.floating[Any]]
 IntArray = npt.NDArray[np.integer[Any]]
@@ -62,6 +66,54 @@ def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> 
     if array.size and array.min() < 0:
         raise ValueError(f"weights must be >= 0, got {array.min()}")
     return array
+
+
+def check_symmetrize(symmetrize: str | None) -> None:
+    """Refuse what is no value of `symmetrize`."""
+    if symmetrize is not None and symmetrize not in SYMMETRIZE:
+        raise ValueError(f'symmetrize must be None, "max", "mean" or "mutual", got {symmetrize!r}')
+
+
+def _refuse_loops(rows: IntArray, columns: IntArray) -> None:
+    loops = rows == columns
+    if loops.any():
+        raise ValueError(
+            f"self-loops are not allowed, vertex {rows[loops][0]} has one: leave it out "
+            f"(of a scipy matrix: A.setdiag(0), then A.eliminate_zeros())"
+        )
+
+
+def _symmetrized(pairs: IntArray, weights: FloatArray | None, how: Symmetrize) -> tuple[IntArray, FloatArray | None]:
+    """Directed edges (E, 2), repeated ones among them, as undirected ones, each once; `weights` may be None for 1."""
+    _refuse_loops(pairs[:, 0], pairs[:, 1])
+    low, high, forward = pairs.min(axis=1), pairs.max(axis=1), pairs[:, 0] < pairs[:, 1]
+    # Edges between the same two vertices come to stand together, those that lead forward last.
+    order = np.lexsort((forward, high, low))
+    low, high, forward = low[order], high[order], forward[order]
+    new = np.ones(len(order), bool)
+    new[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    starts = np.flatnonzero(new)
+    once = np.stack([low[starts], high[starts]], axis=1)
+    values = (np.ones(len(order)) if weights is None else weights)[order]
+    if how == "max":
+        joined = np.maximum.reduceat(values, starts)
+    elif how == "mean":
+        joined = np.add.reduceat(values, starts) / 2
+    else:
+        ends = np.append(starts[1:], len(order)) - 1
+        mutual = ~forward[starts] & forward[ends]
+        once, joined = once[mutual], np.minimum.reduceat(values, starts)[mutual]
+    return once, None if weights is None and (joined == 1).all() else joined
+
+
+def opposite_edges(indptr: IntArray, indices: IntArray) -> IntArray:
+    """Where edge (v, u) is stored, for each stored edge (u, v) of a symmetric graph with sorted rows, (n_edges,)."""
+    from scipy import sparse
+
+    n = len(indptr) - 1
+    numbered = sparse.csr_array((np.arange(len(indices)), indices, indptr), shape=(n, n))
+    opposite: IntArray = numbered.T.tocsr().data
+    return opposite
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,28 +179,28 @@ class Graph:
         indices = indices[order]
         if weights is not None:
             weights = weights[order]
-        loops = rows == indices
-        if loops.any():
-            raise ValueError(f"self-loops are not allowed, vertex {rows[loops][0]} has one")
+        _refuse_loops(rows, indices)
         repeated = (rows[1:] == rows[:-1]) & (indices[1:] == indices[:-1])
         if repeated.any():
             u, v = rows[1:][repeated][0], indices[1:][repeated][0]
-            raise ValueError(f"each edge may be stored once per direction, ({u}, {v}) is repeated")
+            raise ValueError(f"each edge may be stored once per direction, ({u}, {v}) is repeated: {SYMMETRIZE_MENDS}")
         forward = sparse.csr_array((np.arange(1, nnz + 1), indices, indptr), shape=(n, n))
         backward = forward.T.tocsr()
         backward.sort_indices()
         if not (np.array_equal(backward.indptr, indptr) and np.array_equal(backward.indices, indices)):
-            pairs = set(zip(rows.tolist(), indices.tolist(), strict=True)) if nnz <= 1000 else set()
-            lone = next(((u, v) for u, v in sorted(pairs) if (v, u) not in pairs), None)
-            where = f": ({lone[0]}, {lone[1]}) is stored but ({lone[1]}, {lone[0]}) is not" if lone else ""
-            raise ValueError(f"the graph must be symmetric, every edge stored in both directions{where}")
+            k = int(np.flatnonzero(~np.isin(rows * n + indices, indices * n + rows))[0])
+            u, v = rows[k], indices[k]
+            raise ValueError(
+                f"the graph must be symmetric, every edge stored in both directions: ({u}, {v}) is stored but "
+                f"({v}, {u}) is not: {SYMMETRIZE_MENDS}"
+            )
         if weights is not None:
             mirrored = weights[backward.data - 1]
             if not np.array_equal(weights, mirrored):
                 k = int(np.flatnonzero(weights != mirrored)[0])
                 raise ValueError(
                     f"weights must be the same in both directions, edge ({rows[k]}, {indices[k]}) has "
-                    f"{weights[k]} one way and {mirrored[k]} the other"
+                    f"{weights[k]} one way and {mirrored[k]} the other: {SYMMETRIZE_MENDS}"
                 )
         positions = None
         if self.positions is not None:
@@ -175,8 +227,9 @@ class Graph:
         *,
         n_vertices: int | None = None,
         positions: npt.ArrayLike | None = None,
+        symmetrize: Symmetrize | None = None,
     ) -> Self:
-        """Graph from a list of undirected edges, each given once.
+        """Graph from a list of undirected edges, each given once; with `symmetrize`, from any list.
 
         Parameters
         ----------
@@ -188,11 +241,17 @@ class Graph:
             Number of vertices; None takes the largest index plus one.
         positions : (n, d) float array, optional
             Coordinates of the vertices.
+        symmetrize : {"max", "mean", "mutual"}, optional
+            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in whatever
+            direction. Otherwise the edges are directed, and all those between u and v, either way, make one:
+            "max" takes the largest weight; "mean" half the sum, so that a direction that is missing counts 0 and a
+            pair listed both ways gets the mean; "mutual" the smallest, and no edge where a direction is missing.
+            Edges without weights count 1, and stay without weights where the outcome is 1 everywhere.
 
         Raises
         ------
         TypeError, ValueError
-            As the class does; also for an edge that is listed twice, in whatever direction.
+            As the class does; also for an edge that is listed twice where `symmetrize` is None.
 
         Examples
         --------
@@ -200,7 +259,18 @@ class Graph:
         array([[0. , 1. , 0. ],
                [1. , 0. , 0.5],
                [0. , 0.5, 0. ]])
+
+        Directed edges, of which one has no counterpart:
+
+        >>> directed, weights = [[0, 1], [1, 0], [1, 2]], [1.0, 3.0, 0.5]
+        >>> for how in ("max", "mean", "mutual"):
+        ...     W = Graph.from_edges(directed, weights, n_vertices=3, symmetrize=how).to_scipy()
+        ...     print(how, W[0, 1], W[1, 2])
+        max 3.0 0.5
+        mean 2.0 0.25
+        mutual 1.0 0.0
         """
+        check_symmetrize(symmetrize)
         pairs = np.asarray(edges)
         pairs = _integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
         if pairs.shape[1] != 2:
@@ -212,39 +282,68 @@ class Graph:
             raise ValueError("a graph without edges needs n_vertices >= 1")
         if len(pairs) and (pairs.min() < 0 or pairs.max() >= n):
             raise ValueError(f"edges must join vertices 0..{n - 1}, got {pairs.min()}..{pairs.max()}")
+        once = None if weights is None else check_weights(weights, (len(pairs),), "one per undirected edge")
+        if symmetrize is not None and len(pairs):
+            pairs, once = _symmetrized(pairs, once, symmetrize)
         rows = np.concatenate([pairs[:, 0], pairs[:, 1]])
         columns = np.concatenate([pairs[:, 1], pairs[:, 0]])
         order = np.lexsort((columns, rows))
         indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
-        values = None
-        if weights is not None:
-            once = check_weights(weights, (len(pairs),), "one per undirected edge")
-            values = np.concatenate([once, once])[order]
+        values = None if once is None else np.concatenate([once, once])[order]
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
     @classmethod
-    def from_scipy(cls, matrix: Any, *, positions: npt.ArrayLike | None = None) -> Self:
-        """Graph whose weight matrix W is the symmetric sparse `matrix`; explicit zeros stay edges.
+    def from_scipy(
+        cls, matrix: Any, *, symmetrize: Symmetrize | None = None, positions: npt.ArrayLike | None = None
+    ) -> Self:
+        """Graph whose weight matrix W is the sparse `matrix`; explicit zeros stay edges.
+
+        Parameters
+        ----------
+        matrix : (n, n) sparse array or matrix
+            Of any format; a dense array is taken too, whose zeros are no edges.
+        symmetrize : {"max", "mean", "mutual"}, optional
+            What becomes of a matrix that is not symmetric or has several entries in one place, as COO may; None
+            refuses it. Of all entries at (u, v) and (v, u), "max" takes the largest, "mean" half the sum, which is
+            ``(A + A.T) / 2``, and "mutual" the smallest, with no edge where one of the two has none.
+        positions : (n, d) float array, optional
+            Coordinates of the vertices.
 
         Raises
         ------
+        TypeError
+            What scipy makes no matrix of; complex entries.
         ValueError
-            A matrix that is not square or not symmetric, or that has entries on its diagonal.
+            A matrix that is not square, that has entries on its diagonal (explicit zeros among them), negative or
+            non-finite ones; without `symmetrize` also one that is not symmetric or has several entries in one place.
 
         Examples
         --------
         >>> from scipy import sparse
         >>> Graph.from_scipy(sparse.csr_array([[0, 2.0], [2.0, 0]]))
         Graph(2 vertices, 1 undirected edges, weighted)
+        >>> Graph.from_scipy(sparse.csr_array([[0, 2.0], [0, 0]]), symmetrize="mean").weights
+        array([1., 1.])
         """
         from scipy import sparse
 
-        csr = sparse.csr_array(matrix, copy=True)
-        if csr.shape[0] != csr.shape[1]:
-            raise ValueError(f"the matrix must be square, got {csr.shape}")
-        csr.sum_duplicates()
-        data = csr.data.astype(np.float64) if csr.data.dtype.kind in "biu" else csr.data
-        return cls(csr.indptr, csr.indices, data, None if positions is None else np.asarray(positions))
+        check_symmetrize(symmetrize)
+        try:
+            # Not CSR: on the way from COO to it scipy adds up the entries in one place in silence.
+            coo = sparse.coo_array(matrix)
+        except (TypeError, ValueError) as error:
+            given = type(matrix).__name__
+            raise TypeError(f"matrix must be a scipy sparse array or a square array, got {given}") from error
+        if coo.ndim != 2 or coo.shape[0] != coo.shape[1]:
+            raise ValueError(f"the matrix must be square, got shape {coo.shape}")
+        rows, columns, n = coo.row.astype(np.int64), coo.col.astype(np.int64), coo.shape[0]
+        data = coo.data.astype(np.float64) if coo.data.dtype.kind in "biu" else coo.data
+        if symmetrize is not None:
+            pairs = np.stack([rows, columns], axis=1)
+            return cls.from_edges(pairs, data, n_vertices=n, positions=positions, symmetrize=symmetrize)
+        order = np.argsort(rows, kind="stable")
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
+        return cls(indptr, columns[order], data[order], None if positions is None else np.asarray(positions))
 
     def to_scipy(self) -> sparse.csr_array:
         """The weight matrix W as a ``scipy.sparse.csr_array``."""
@@ -485,6 +584,46 @@ class GridGraph:
             values.append(table[exists])
         return np.concatenate(values)
 
+    def flat_edges(self, values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
+        """One value per directed edge, given as (n_edges,) or (*shape, K), in the order of :meth:`to_graph`.
+
+        Raises
+        ------
+        ValueError
+            Another shape.
+        """
+        K, array = len(self.offsets), np.asarray(values)
+        if array.shape == (self.n_edges,):
+            return array
+        if array.shape != (*self.shape, K):
+            raise ValueError(
+                f"{name} must have shape ({self.n_edges},), one per directed edge in the order of to_graph(), "
+                f"or {(*self.shape, K)}, one per offset; got {array.shape}"
+            )
+        exists = np.concatenate([exists.ravel() for _, _, exists in self._edge_blocks()])
+        kept: npt.NDArray[Any] = array.reshape(-1)[exists]
+        return kept
+
+    def window_to_edges(self, planes: FloatArray) -> FloatArray:
+        """A function on the edges as one plane per offset, (K, *shape, m), in the order of :meth:`to_graph`."""
+        K, n = len(self.offsets), self.n_vertices
+        flat = planes.reshape(K, n, planes.shape[-1])
+        values = [flat[:, u].transpose(1, 0, 2)[exists] for u, _, exists in self._edge_blocks()]
+        return np.concatenate(values)
+
+    def edges_to_window(self, values: FloatArray) -> FloatArray:
+        """A function on the edges, (n_edges, m), as one plane per offset with 0 where an edge leaves grid or mask."""
+        K, n, m = len(self.offsets), self.n_vertices, values.shape[1]
+        planes = np.zeros((K, n, m), values.dtype)
+        begin = 0
+        for u, _, exists in self._edge_blocks():
+            table = np.zeros((*exists.shape, m), values.dtype)
+            count = int(exists.sum())
+            table[exists] = values[begin : begin + count]
+            planes[:, u] = table.transpose(1, 0, 2)
+            begin += count
+        return planes.reshape(K, *self.shape, m)
+
     def edges_to_half(self, values: npt.ArrayLike) -> FloatArray:
         """One weight per directed edge, as (n_edges,) or (*shape, K), checked and stored once per pair.
 
@@ -493,16 +632,8 @@ class GridGraph:
         ValueError
             Another shape, a negative or non-finite weight, or two directions that differ.
         """
-        H, n, K = self.half_window, self.n_vertices, len(self.offsets)
-        array = np.asarray(values)
-        if array.shape == (*self.shape, K) and array.shape != (self.n_edges,):
-            kept = np.concatenate([exists.ravel() for _, _, exists in self._edge_blocks()])
-            array = array.reshape(-1)[kept]
-        elif array.shape != (self.n_edges,):
-            raise ValueError(
-                f"weights must have shape ({self.n_edges},), one per directed edge in the order of to_graph(), "
-                f"or {(*self.shape, K)}, one per offset; got {array.shape}"
-            )
+        H, n = self.half_window, self.n_vertices
+        array = self.flat_edges(values, "weights")
         array = check_weights(array, (self.n_edges,), "one per directed edge in the order of to_graph()")
         half = np.zeros((H, n), array.dtype)
         begin = 0

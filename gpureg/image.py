@@ -17,7 +17,7 @@ from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .problem import default_eps
 from .regularization import regularize
 from .result import Interrupted, Result, Stop
-from .solvers import Solver
+from .solvers import Solver, is_local
 from .solvers.loop import Callback, progress_bar
 from .weights import Bilateral, Patch, Weights
 
@@ -166,7 +166,18 @@ def run_plan(
         # Not through the device, whose float32 would round a float64 image.
         name = repr(backends.get(backend, np.float32 if dtype is None else dtype))
         none = np.empty(0, np.int64)
-        return Result(array.copy(), 0, Stop.MAX_ITER, np.empty(0), none, None, 0.0, name, time.perf_counter() - begin)
+        return Result(
+            value=array.copy(),
+            iterations=0,
+            stop=Stop.MAX_ITER,
+            energy=np.empty(0),
+            checks=none,
+            gap=None,
+            eps=0.0,
+            method="Nothing was to be done.",
+            backend=name,
+            seconds=time.perf_counter() - begin,
+        )
     kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if _is_long(array.dtype) else np.float32)
     f0 = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
     f0 = f0.astype(np.result_type(kind, np.float32), copy=False)
@@ -180,8 +191,10 @@ def run_plan(
         p=plan.p, lam=plan.lam, eps=eps, solver=solver, max_iter=plan.max_iter, tol=plan.tol,
         backend=backend, dtype=kind,
     )  # fmt: skip
-    # Weights that look at a neighbourhood of the data alone, and a number of iterations known before.
+    # Weights that look at a neighbourhood of the data alone, a number of iterations known before, and a process that
+    # does not choose its step by the whole of the graph.
     divisible = isinstance(plan.weights, Patch | Bilateral) and plan.tol is None and callback is None
+    divisible = divisible and is_local(solver, plan.p, plan.lam)
     if divisible and grid.half_window * grid.n_vertices * kind.itemsize > BAND_BYTES:
         result = _in_bands(f0, grid, plan, settings, progress)
     else:

@@ -9,13 +9,16 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .backends import Array, Backend, Weighted
+from .backends import Array, Backend, Conductance, Weighted
+from .bipartite import has_swinging_part
 from .graph import FloatArray, Graph, GridGraph, unmasked
 from .weights import Weights
 
 AnyGraph = Graph | GridGraph
 Gamma = Literal["sqrt", "combinatorial", "normalized", "degree"]
 GAMMAS: tuple[Gamma, ...] = ("sqrt", "combinatorial", "normalized", "degree")
+Norm = Literal["vertex", "edge"]
+NORMS: tuple[Norm, ...] = ("vertex", "edge")
 
 # eps as a share of the data's range, where the caller names none (eq. 15).
 RELATIVE_EPS = 1e-3
@@ -70,6 +73,26 @@ def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> float | FloatArray:
     return float(array) if array.ndim == 0 else array.reshape(-1).astype(np.float64)
 
 
+def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
+    """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
+    if isinstance(gamma, str):
+        if gamma not in GAMMAS:
+            raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, or one value per directed edge, got {gamma!r}")
+        return gamma
+    array = unmasked(gamma, "gamma")
+    if array.dtype.kind not in "iuf" or array.ndim == 0:
+        raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)}, or one number per directed edge, got {gamma!r}")
+    if isinstance(graph, GridGraph):
+        array = graph.flat_edges(array, "gamma")
+    elif array.shape != (graph.n_edges,):
+        raise ValueError(f"gamma must have shape ({graph.n_edges},), one per stored directed edge, got {array.shape}")
+    values: FloatArray = array.astype(np.float64)
+    if not np.isfinite(values).all() or (values.size and values.min() < 0):
+        bad = values[~(np.isfinite(values) & (values >= 0))][0]
+        raise ValueError(f"gamma must be finite and >= 0, got {bad}")
+    return graph.edges_to_window(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """minimise over f: R_eps(f) + 1/2 sum_u lam(u) |f(u) - f0(u)|^2, checked.
@@ -84,7 +107,10 @@ class Problem:
         Fidelity >= 0.
     weights : Weights, array or None
         None means the graph's own.
-    gamma : {"sqrt", "combinatorial", "normalized", "degree"}
+    gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array
+        A name, or one value per directed edge in the form of ``Backend.put_edges``; then there are no weights.
+    norm : {"vertex", "edge"}
+        The smoothness of eq. 20, or of eq. 30.
     coupled : bool
         One gradient norm for all channels, or one each.
     eps : float
@@ -96,7 +122,8 @@ class Problem:
     p: float
     lam: float | FloatArray
     weights: Weights | FloatArray | None
-    gamma: Gamma
+    gamma: Gamma | FloatArray
+    norm: Norm
     coupled: bool
     eps: float
 
@@ -109,7 +136,8 @@ class Problem:
         p: float,
         lam: float | npt.ArrayLike,
         weights: Weights | npt.ArrayLike | None,
-        gamma: str,
+        gamma: str | npt.ArrayLike,
+        norm: str,
         coupled: bool,
         eps: float | None,
         dtype: np.dtype[Any],
@@ -122,10 +150,11 @@ class Problem:
             raise TypeError(f"p must be a number, got {type(p).__name__}")
         if not (math.isfinite(p) and p > 0):
             raise ValueError(f"p must be finite and > 0, got {p}")
-        if not isinstance(gamma, str):
-            raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)} (an array is not taken yet), got {gamma!r}")
-        if gamma not in GAMMAS:
-            raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, got {gamma!r}")
+        edge_factor = as_gamma(graph, gamma)
+        if not isinstance(edge_factor, str) and weights is not None:
+            raise ValueError("gamma as an array stands in the place of the weights: leave weights=None")
+        if norm not in NORMS:
+            raise ValueError(f"norm must be one of {', '.join(NORMS)}, got {norm!r}")
         if not isinstance(coupled, bool | np.bool_):
             raise TypeError(f"coupled must be True or False, got {coupled!r}")
         given: Weights | FloatArray | None
@@ -144,7 +173,8 @@ class Problem:
             float(p),
             as_lam(graph, lam),
             given,
-            gamma,
+            edge_factor,
+            norm,
             bool(coupled),
             _check_eps(eps, p, _inside(graph, data), dtype),
         )
@@ -196,22 +226,21 @@ class DeviceProblem:
     and solvers know sqrt(w) alone, and `scale` carries s, (n, 1), or None.
     """
 
+    problem: Problem
     backend: Backend
     weighted: Weighted
     f0: Array
     lam: float | Array
-    p: float
-    eps: float
-    coupled: bool
-    channels: int
     scale: FloatArray | None
 
     @classmethod
-    def put(cls, problem: Problem, backend: Backend) -> DeviceProblem:
-        """Bring a problem onto a device, computing its weights there."""
+    def put(cls, problem: Problem, backend: Backend, reference: FloatArray | None = None) -> DeviceProblem:
+        """Bring a problem onto a device, computing its weights there from `reference`, or from the data."""
         graph = problem.graph
-        if isinstance(problem.weights, Weights):
-            weighted = problem.weights.prepare(backend, graph, problem.f0)
+        if not isinstance(problem.gamma, str):
+            weighted = backend.prepare_gamma(graph, problem.gamma)
+        elif isinstance(problem.weights, Weights):
+            weighted = problem.weights.prepare(backend, graph, problem.f0 if reference is None else reference)
         else:
             weighted = backend.prepare(graph, problem.weights)
         scale = _vertex_scale(problem.gamma, backend, weighted)
@@ -220,16 +249,54 @@ class DeviceProblem:
             f0 = f0 * scale
             lam = np.broadcast_to(np.asarray(lam, np.float64), (graph.n_vertices,)) / scale[:, 0] ** 2
         device_lam = lam if isinstance(lam, float) else backend.put(graph, lam[:, None])
-        return cls(
-            backend,
-            weighted,
-            backend.put(graph, f0),
-            device_lam,
-            problem.p,
-            problem.eps,
-            problem.coupled,
-            f0.shape[1],
-            scale,
+        return cls(problem, backend, weighted, backend.put(graph, f0), device_lam, scale)
+
+    @property
+    def p(self) -> float:
+        """Degree of regularity."""
+        return self.problem.p
+
+    @property
+    def eps(self) -> float:
+        """Smoothing of the gradient norm."""
+        return self.problem.eps
+
+    @property
+    def coupled(self) -> bool:
+        """One gradient norm for all channels, or one each."""
+        return self.problem.coupled
+
+    @property
+    def edge_norm(self) -> bool:
+        """Whether the smoothness is that of eq. 30."""
+        return self.problem.norm == "edge"
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return int(self.problem.f0.shape[1])
+
+    def swings(self) -> bool:
+        """Whether a plain sweep can go on forever between two states (a part without data that is bipartite)."""
+        return has_swinging_part(self.problem.graph, self._host_gamma(), self.problem.lam)
+
+    def _host_gamma(self) -> FloatArray | None:
+        """What says which edges are there: weights or, where they are given, values of gamma."""
+        if self.weighted.directed:
+            assert not isinstance(self.problem.gamma, str)
+            return self.problem.gamma
+        return self.backend.get_weights(self.weighted)
+
+    def scratch(self) -> Array | None:
+        """A function for the conductances, where a sweep needs one."""
+        if self.p == 2 or self.edge_norm:
+            return None
+        return self.backend.empty(self.weighted.graph, 1 if self.coupled else self.channels)
+
+    def conductances(self, f: Array, g: Array | None = None) -> Conductance:
+        """The conductances at a device function; `g` is scratch."""
+        return self.backend.conductances(
+            self.weighted, f, p=self.p, eps=self.eps, coupled=self.coupled, edge_norm=self.edge_norm, g=g
         )
 
     def put_function(self, f: FloatArray) -> Array:
@@ -252,12 +319,21 @@ class DeviceProblem:
 
     def energy(self, f: Array) -> float:
         """The eps-smoothed energy of a device function."""
-        return self.backend.energy(self.weighted, f, self.f0, self.lam, p=self.p, eps=self.eps, coupled=self.coupled)
+        return self.backend.energy(
+            self.weighted,
+            f,
+            self.f0,
+            self.lam,
+            p=self.p,
+            eps=self.eps,
+            coupled=self.coupled,
+            edge_norm=self.edge_norm,
+        )
 
 
-def _vertex_scale(gamma: Gamma, backend: Backend, weighted: Weighted) -> FloatArray | None:
-    """The factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1); 1 at a vertex without weight. None where s = 1."""
-    if gamma == "sqrt":
+def _vertex_scale(gamma: Gamma | FloatArray, backend: Backend, weighted: Weighted) -> FloatArray | None:
+    """The factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1); 1 at a vertex without weight. None where there is none."""
+    if not isinstance(gamma, str) or gamma == "sqrt":
         return None
     n = weighted.graph.n_vertices
     if gamma == "combinatorial":

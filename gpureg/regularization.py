@@ -25,12 +25,14 @@ def regularize(
     p: float = 2.0,
     lam: float | npt.ArrayLike = 1.0,
     weights: Weights | npt.ArrayLike | None = None,
-    gamma: str = "sqrt",
+    gamma: str | npt.ArrayLike = "sqrt",
+    norm: str = "vertex",
     coupled: bool = True,
     eps: float | None = None,
     solver: str | Solver = "jacobi",
     max_iter: int = 100,
     tol: float | None = None,
+    update_weights: int | None = None,
     initial: npt.ArrayLike | None = None,
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
@@ -54,20 +56,30 @@ def regularize(
         pinned to the data.
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: the graph's own, or 1.
-    gamma : {"sqrt", "combinatorial", "normalized", "degree"}, default "sqrt"
-        gamma(u, v) of eq. 4: sqrt(w), sqrt(w/2), sqrt(w/(2 deg u)), sqrt(w/deg u).
+    gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array, default "sqrt"
+        gamma(u, v) of eq. 4: sqrt(w), sqrt(w/2), sqrt(w/(2 deg u)), sqrt(w/deg u); or one value >= 0 per stored
+        directed edge, symmetric or not, in the place of any weights.
+    norm : {"vertex", "edge"}, default "vertex"
+        The smoothness: "vertex" is eq. 20, the gradient norm of a vertex raised to p (isotropic); "edge" is eq. 30,
+        every edge by itself (anisotropic). They differ by a factor even at p = 2: "edge" with lam is "vertex" with
+        2 lam.
     coupled : bool, default True
         One gradient norm for all m channels (section 5.1), or each channel alone.
     eps : float, optional
         Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 for
         p = 2, which does not need it.
     solver : str or Solver, default "jacobi"
-        "jacobi" (eq. 25, 31), or a solver object such as ``gpureg.Jacobi(damping=0.5)``.
+        "jacobi" (eq. 25, 31), "euler" (eq. 24), or a solver object such as ``gpureg.Jacobi(damping=0.5)`` or
+        ``gpureg.Euler(step=0.1)``.
     max_iter : int, default 100
         Iterations at most.
     tol : float, optional
         Stop once the largest change in one iteration is at most this share of the data's range. The error can be far
         larger than the last change when lam is small.
+    update_weights : int, optional
+        Compute the weights anew from the current iterate every so many iterations (the paper's footnote 1: iterated
+        bilateral filter and nonlocal means); `weights` must be an object of :mod:`gpureg.weights`. The energy is then
+        that of the current weights, and may jump.
     initial : array, optional
         Where to start, in the shape of `f0`; None starts at `f0`.
     backend : str, default "auto"
@@ -98,7 +110,8 @@ def regularize(
     Notes
     -----
     Minimises 1/p sum_u |grad_w f(u)|^p + 1/2 sum_u lam(u) |f(u) - f0(u)|^2 (eq. 19, 20), with the gradient norm
-    smoothed by eps (eq. 15). For p < 1 the energy is not convex and the result depends on the start.
+    smoothed by eps (eq. 15); for the edge norm the first term is 1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), each
+    difference smoothed likewise. For p < 1 the energy is not convex and the result depends on the start.
 
     Examples
     --------
@@ -119,6 +132,16 @@ def regularize(
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
     if tol is not None and (isinstance(tol, bool) or not isinstance(tol, int | float | np.integer | np.floating)):
         raise TypeError(f"tol must be a number, got {tol!r}")
+    if update_weights is not None:
+        if isinstance(update_weights, bool) or not isinstance(update_weights, int | np.integer):
+            raise TypeError(f"update_weights must be an integer, got {update_weights!r}")
+        if update_weights < 1:
+            raise ValueError(f"update_weights must be >= 1, got {update_weights}")
+        if not isinstance(weights, Weights):
+            raise ValueError(
+                "update_weights needs a weight function to compute anew, such as gpureg.weights.bilateral(...), "
+                f"got weights={'None' if weights is None else 'an array'}"
+            )
     if callback is not None and not callable(callback):
         raise TypeError(f"callback must be callable, got {callback!r}")
     if tol is not None and not (math.isfinite(tol) and tol >= 0):
@@ -127,7 +150,9 @@ def regularize(
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
     method = resolve(solver)
-    problem = Problem.make(f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, coupled=coupled, eps=eps, dtype=kind)
+    problem = Problem.make(
+        f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, norm=norm, coupled=coupled, eps=eps, dtype=kind
+    )
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
@@ -144,8 +169,9 @@ def regularize(
             threshold=None if tol is None else tol * (problem.data_range or 1.0),
             callback=callback,
             report=report,
+            update_weights=None if update_weights is None else int(update_weights),
         )
-    value = on_device.get_function(outcome.f)
+    value = outcome.problem.get_function(outcome.f)
     if isinstance(graph, GridGraph) and graph.mask is not None:
         # Vertices outside the mask come back as they came, NaN included.
         outside = ~graph.mask.ravel()
@@ -158,6 +184,7 @@ def regularize(
         checks=np.array(outcome.checks),
         gap=None,
         eps=problem.eps,
+        method=outcome.method,
         backend=repr(device),
         seconds=time.perf_counter() - begin,
     )

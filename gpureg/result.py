@@ -42,6 +42,8 @@ class Result:
         Bound on how far the energy is above its minimum; None unless the solver certifies it.
     eps : float
         The smoothing of the gradient norm that was used (eq. 15), in the data's units.
+    method : str
+        What the iterations did, as a sentence: the process, and its damping or its step.
     backend : str
         The device that ran, as the name that would force it, with its description.
     seconds : float
@@ -55,6 +57,7 @@ class Result:
     checks: npt.NDArray[np.int64]
     gap: float | None
     eps: float
+    method: str
     backend: str
     seconds: float
 

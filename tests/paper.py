@@ -49,6 +49,14 @@ def difference(gamma: dict[Edge, float], f: Function, u: Vertex, v: Vertex) -> f
     return gamma[v, u] * f[v] - gamma[u, v] * f[u]
 
 
+def adjoint(E: set[Edge], gamma: dict[Edge, float], H: dict[Edge, float], u: Vertex) -> float:
+    """d_w*(H)(u) (eq. 7)."""
+    total = 0.0
+    for v in neighbours(E, u):
+        total += gamma[u, v] * (H[v, u] - H[u, v])
+    return total
+
+
 def local_variation(E: set[Edge], gamma: dict[Edge, float], f: Function, u: Vertex) -> float:
     """|grad_w f(u)| (eq. 9)."""
     total = 0.0
@@ -82,6 +90,44 @@ def norms(
     return [{u: smoothed_norm(E, gamma, f, u, eps) for u in V} for f in fs]
 
 
+def edge_norms(
+    E: set[Edge], gamma: dict[Edge, float], fs: list[Function], eps: float, coupled: bool
+) -> list[dict[Edge, float]]:
+    """For each channel |d_w(f)(u, v)| of every edge, smoothed; the root of the sum of squares if coupled."""
+    alone = [{(u, v): difference(gamma, f, u, v) ** 2 for (u, v) in E} for f in fs]
+    if coupled:
+        shared = {e: math.sqrt(sum(square[e] for square in alone) + eps**2) for e in E}
+        return [shared for _ in fs]
+    return [{e: math.sqrt(square[e] + eps**2) for e in E} for square in alone]
+
+
+def lp_norm(E: set[Edge], norm: dict[Edge, float], u: Vertex, p: float) -> float:
+    """|grad_w f(u)|_p, given the norms of the edges (eq. 10)."""
+    total = 0.0
+    for v in neighbours(E, u):
+        total += norm[u, v] ** p
+    return total ** (1 / p)
+
+
+def edge_p_laplace(
+    E: set[Edge], gamma: dict[Edge, float], f: Function, u: Vertex, p: float, norm: dict[Edge, float]
+) -> float:
+    """The derivative of eq. 30 at u, given the norms of the edges."""
+    total = 0.0
+    for v in neighbours(E, u):
+        total += gamma[u, v] * norm[u, v] ** (p - 2) * (gamma[u, v] * f[u] - gamma[v, u] * f[v])
+    return total
+
+
+def edge_dirichlet_energy(E: set[Edge], gamma: dict[Edge, float], norm: dict[Edge, float], p: float) -> float:
+    """Eq. 30, given the norms of the edges; an edge whose gamma is 0 both ways is none."""
+    total = 0.0
+    for u, v in E:
+        if gamma[u, v] or gamma[v, u]:
+            total += norm[u, v] ** p
+    return total / (2 * p)
+
+
 def p_laplace(E: set[Edge], gamma: dict[Edge, float], f: Function, u: Vertex, p: float, norm: Function) -> float:
     """Delta_w^p f(u), given the gradient norms (eq. 12)."""
     total = 0.0
@@ -109,17 +155,23 @@ def energy(
     p: float,
     eps: float,
     coupled: bool,
+    edge: bool = False,
 ) -> float:
-    """What is minimised (eq. 19), with eq. 20 over the smoothed norms (eq. 15).
+    """What is minimised (eq. 19), with eq. 20 over the smoothed norms (eq. 15), or with eq. 30 if `edge`.
 
     Coupled channels have one term R, otherwise each has its own. lam is a function here; a pinned vertex (lam infinite)
     has f = f0 and adds nothing.
     """
     V = list(V)
-    found = norms(V, E, gamma, fs, eps, coupled)
     total = 0.0
-    for norm in found[:1] if coupled else found:
-        total += dirichlet_energy(V, norm, p)
+    if edge:
+        on_edges = edge_norms(E, gamma, fs, eps, coupled)
+        for edge_norm in on_edges[:1] if coupled else on_edges:
+            total += edge_dirichlet_energy(E, gamma, edge_norm, p)
+    else:
+        found = norms(V, E, gamma, fs, eps, coupled)
+        for norm in found[:1] if coupled else found:
+            total += dirichlet_energy(V, norm, p)
     for f, f0 in zip(fs, f0s, strict=True):
         for u in V:
             if not math.isinf(lam[u]):
@@ -138,16 +190,18 @@ def jacobi_step(
     eps: float,
     coupled: bool,
     theta: float = 1.0,
+    edge: bool = False,
 ) -> list[Function]:
-    """One Gauss-Jacobi step (eq. 25; with gamma = sqrt(w), eq. 31).
+    """One Gauss-Jacobi step (eq. 25; with gamma = sqrt(w), eq. 31); with the edge norm of eq. 30 if `edge`.
 
     What the paper leaves open: lam is a function; a pinned vertex (lam infinite) and one whose denominator is 0 (lam 0
     and no weight around it) keep f0; theta moves only that share of the way.
     """
     V = list(V)
     found = norms(V, E, gamma, fs, eps, coupled)
+    on_edges = edge_norms(E, gamma, fs, eps, coupled)
     results = []
-    for f, f0, norm in zip(fs, f0s, found, strict=True):
+    for f, f0, norm, edge_norm in zip(fs, f0s, found, on_edges, strict=True):
         new = {}
         for u in V:
             if math.isinf(lam[u]):
@@ -155,7 +209,7 @@ def jacobi_step(
                 continue
             numerator, denominator = lam[u] * f0[u], lam[u]
             for v in neighbours(E, u):
-                both = norm[v] ** (p - 2) + norm[u] ** (p - 2)
+                both = edge_norm[u, v] ** (p - 2) if edge else norm[v] ** (p - 2) + norm[u] ** (p - 2)
                 alpha = gamma[u, v] ** 2 * both
                 beta = gamma[u, v] * gamma[v, u] * both
                 numerator += beta * f[v]
@@ -164,6 +218,36 @@ def jacobi_step(
                 new[u] = f0[u]
             else:
                 new[u] = f[u] + theta * (numerator / denominator - f[u])
+        results.append(new)
+    return results
+
+
+def euler_step(
+    V: Iterable[Vertex],
+    E: set[Edge],
+    gamma: dict[Edge, float],
+    fs: list[Function],
+    f0s: list[Function],
+    lam: Function,
+    tau: Function,
+    p: float,
+    eps: float,
+    coupled: bool,
+    edge: bool = False,
+) -> list[Function]:
+    """One explicit Euler step (eq. 24); lam and tau are functions, a pinned vertex (lam infinite) keeps f0."""
+    V = list(V)
+    found = norms(V, E, gamma, fs, eps, coupled)
+    on_edges = edge_norms(E, gamma, fs, eps, coupled)
+    results = []
+    for f, f0, norm, edge_norm in zip(fs, f0s, found, on_edges, strict=True):
+        new = {}
+        for u in V:
+            if math.isinf(lam[u]):
+                new[u] = f0[u]
+                continue
+            slope = edge_p_laplace(E, gamma, f, u, p, edge_norm) if edge else p_laplace(E, gamma, f, u, p, norm)
+            new[u] = f[u] + tau[u] * (lam[u] * (f0[u] - f[u]) - slope)
         results.append(new)
     return results
 

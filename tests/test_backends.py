@@ -14,8 +14,8 @@ from conftest import device_params
 from numpy.testing import assert_array_equal
 
 from gpureg import backends, kernels
-from gpureg.backends import BackendUnavailable, PatchForm
-from gpureg.graph import Graph, GridGraph
+from gpureg.backends import BackendUnavailable, EdgeNorm, PatchForm
+from gpureg.graph import Graph, GridGraph, opposite_edges
 
 DTYPES = ("float32", "float64")
 
@@ -322,6 +322,154 @@ def test_sweeps_in_a_row(backend, setup):
     assert_within(actual, exact, tolerance * np.abs(exact).max(), "four sweeps")
 
 
+# Both forms of gamma, both norms, both processes, functions on the edges
+
+
+class Forms:
+    """A setup with gamma = sqrt(w) or with one value of gamma per directed edge, and how large its sums can get."""
+
+    def __init__(self, setup, directed):
+        self.setup, self.directed, self.graph = setup, directed, cases.graph(setup.graph)
+        self.csr = self.graph if isinstance(self.graph, Graph) else self.graph.to_graph(cases.weights(setup.graph))
+        self.rows, self.columns = self.csr.edge_rows(), self.csr.indices
+        random = cases.rng(53).random((len(self.rows), 1), dtype=np.float32).astype(np.float64)
+        random[::9] = 0
+        self.host_gamma = self.host(random)
+        opposite = opposite_edges(self.csr.indptr, self.csr.indices)
+        w = np.ones(len(self.rows)) if self.csr.weights is None else self.csr.weights.astype(np.float64)
+        self.own = random if directed else np.sqrt(w)[:, None]
+        self.other = self.own[opposite]
+        self.f = cases.function(self.graph, setup.channels)
+        self.f0 = cases.function(self.graph, setup.channels, seed=13)
+        self.H = cases.rng(59).random((len(self.rows), setup.channels), dtype=np.float32).astype(np.float64) - 0.5
+        self.lam = cases.fidelity(self.graph)
+        self.tau = 0.125 * cases.rng(61).random((self.graph.n_vertices, 1), dtype=np.float32).astype(np.float64)
+
+    def host(self, edges):
+        """A function on the edges as a backend takes it."""
+        return self.graph.edges_to_window(edges) if isinstance(self.graph, GridGraph) else edges
+
+    def on(self, backend):
+        if self.directed:
+            return backend.prepare_gamma(self.graph, self.host_gamma)
+        return backend.prepare(self.graph, cases.weights(self.setup.graph))
+
+    def around(self, edges):
+        """Sums over the edges of each vertex, (n, m)."""
+        n = self.graph.n_vertices
+        return np.stack([np.bincount(self.rows, column, minlength=n) for column in edges.T], axis=1)
+
+    @functools.cached_property
+    def sizes(self):
+        """|gamma_vu f(v)| + |gamma_uv f(u)|, what the two terms of a difference can be, (n_edges, m)."""
+        return self.other * np.abs(self.f[self.columns]) + self.own * np.abs(self.f[self.rows])
+
+    def conductance(self, p):
+        """A bound on the conductances."""
+        largest = (self.around(self.sizes**2).sum(axis=1).max(initial=0) + cases.EPS**2) ** 0.5
+        return 2 * max(cases.EPS ** (p - 2), largest ** (p - 2))
+
+
+@functools.cache
+def forms(setup, directed):
+    return Forms(setup, directed)
+
+
+FORM_SETUPS = [
+    pytest.param(cases.Setup("grid"), "float32", id="grid"),
+    pytest.param(cases.Setup("grid"), "float64", id="grid-float64"),
+    pytest.param(cases.Setup("masked", 3), "float32", id="masked, 3"),
+    pytest.param(cases.Setup("volume"), "float32", id="volume"),
+    pytest.param(cases.Setup("csr", 3, coupled=False), "float32", id="csr, 3 uncoupled"),
+    pytest.param(cases.Setup("csr", 3, coupled=False), "float64", id="csr, 3 uncoupled-float64"),
+    pytest.param(cases.Setup("pixel"), "float32", id="pixel"),
+]
+every_form = pytest.mark.parametrize(("setup", "dtype"), FORM_SETUPS)
+both_forms = pytest.mark.parametrize("directed", [False, True], ids=["sqrt(w)", "gamma"])
+
+
+@both_forms
+@every_form
+def test_functions_on_the_edges(backend, setup, dtype, directed):
+    """There and back to the bit; the difference and its adjoint from outputs full of NaN, within a few roundings."""
+    one, u = forms(setup, directed), cases.UNIT_ROUNDOFF[dtype]
+    graph, H = one.graph, one.host(one.H)
+    assert_array_equal(backend.get_edges(graph, backend.put_edges(graph, H)), H)
+    weighted, exact = one.on(backend), one.on(oracle())
+    nans = backend.put_edges(graph, np.full_like(H, np.nan))
+    assert backend.difference(weighted, backend.put(graph, one.f), out=nans) is nans
+    # 2 products and a difference, or a root (6 u), a difference and a product: 8 u of the terms' sizes, twice
+    bound = 16 * u * one.host(one.sizes)
+    assert_within(backend.get_edges(graph, nans), oracle().difference(exact, one.f), bound, "difference")
+    out = nan(backend, graph, setup.channels)
+    assert backend.adjoint(weighted, backend.put_edges(graph, H), out=out) is out
+    # a root, a difference and a product (8 u), then the additions, at most one per neighbour
+    count = np.bincount(one.rows, minlength=graph.n_vertices)[:, None]
+    opposite = one.H[opposite_edges(one.csr.indptr, one.csr.indices)]
+    bound = 2 * (8 + count) * u * one.around(one.own * (np.abs(opposite) + np.abs(one.H)))
+    assert_within(backend.get(graph, out), oracle().adjoint(exact, H), bound, "adjoint")
+
+
+@both_forms
+@every_form
+def test_both_norms_and_processes(backend, setup, dtype, directed):
+    """Each primitive in the forms that the tests above leave out, and the same bits on a second run.
+
+    The counting of cases.TOLERANCES, relative to the sum of the sizes of the terms: with gamma as an array, or from the
+    differences of single edges, terms cancel before they are raised to a power.
+    """
+    one, tolerance = forms(setup, directed), cases.TOLERANCES[dtype]
+    graph, m, coupled = one.graph, setup.channels, setup.coupled
+    exact, weighted = one.on(oracle()), one.on(backend)
+    f, f0, lam, tau = (backend.put(graph, x) for x in (one.f, one.f0, one.lam, one.tau))
+    flow = one.around(one.own * one.sizes)
+    finite = np.where(np.isinf(one.lam), 0, one.lam)
+
+    def check(actual, expected, scale, what):
+        assert_within(backend.get(graph, actual), expected, tolerance * (scale + 1e-30), what)
+
+    degree = one.around(one.own**2)
+    check(backend.degree(weighted), oracle().degree(exact), degree, "degree")
+    for p in (0.7, 3.0):
+        for eps in (cases.EPS, 0.0):  # the root and the powers of 0 too
+            settings = {"power": 1 / p, "eps": eps, "coupled": coupled, "edge_power": p / 2}
+            out = nan(backend, graph, 1 if coupled else m)
+            assert backend.gradient_norm(weighted, f, out=out, **settings) is out
+            expected = oracle().gradient_norm(exact, one.f, **settings)
+            check(out, expected, expected.max(initial=0), f"L^p norm, p = {p}, eps = {eps}")
+        for edge_norm in (False, True):
+            settings = {"p": p, "eps": cases.EPS, "coupled": coupled, "edge_norm": edge_norm}
+            what = f"p = {p}, edge norm {edge_norm}"
+            g, exact_g = None, None
+            if edge_norm:
+                g = exact_g = EdgeNorm(p, cases.EPS, coupled)
+            else:
+                exact_g = rounded(oracle().conductances(exact, one.f, **settings))
+                g = backend.put(graph, exact_g)
+            results = []
+            for _ in range(2):
+                slope, step, moved = (nan(backend, graph, m) for _ in range(3))
+                assert backend.p_laplacian(weighted, f, g, out=slope) is slope
+                assert backend.jacobi_step(weighted, f, f0, g, lam, theta=0.625, out=step) is step
+                assert backend.euler_step(weighted, f, f0, g, lam, tau, out=moved) is moved
+                energy = backend.energy(weighted, f, f0, lam, **settings)
+                results.append([*(backend.get(graph, x).tobytes() for x in (slope, step, moved)), energy])
+            assert results[0] == results[1]
+            push = one.conductance(p) * flow.max(initial=0)
+            check(slope, oracle().p_laplacian(exact, one.f, exact_g), push, f"p_laplacian, {what}")
+            expected = oracle().jacobi_step(exact, one.f, one.f0, exact_g, one.lam, theta=0.625)
+            # with gamma that is not symmetric a step is no mean: sums of pulls over sums of holds, vertex by vertex
+            check(step, expected, 1 + np.abs(expected), f"jacobi_step, {what}")
+            expected = oracle().euler_step(exact, one.f, one.f0, exact_g, one.lam, one.tau)
+            check(moved, expected, 1 + one.tau * (push + finite), f"euler_step, {what}")
+            expected = oracle().energy(exact, one.f, one.f0, one.lam, **settings)
+            assert energy == pytest.approx(expected, rel=tolerance, abs=1e-30), what
+    for number in (0.5, float("inf")):
+        moved = backend.euler_step(weighted, f, f0, None, number, 0.0625)
+        expected = oracle().euler_step(exact, one.f, one.f0, None, number, 0.0625)
+        check(moved, expected, 1 + flow.max(initial=0), f"euler_step, lam = {number}")
+
+
 # Patches
 
 
@@ -426,14 +574,14 @@ def test_data_under_the_mask_do_not_spread(device):
 # The checks can fail
 
 MUTATIONS = [
-    ("jacobi_step", "total[c] += a[c]", "total[c] -= a[c]"),
+    ("jacobi_step", "total[c] += HOLD", "total[c] -= HOLD"),
     ("jacobi_step", "LOAD(g, AT(u, c, G)) + LOAD(g, AT(v, c, G))", "LOAD(g, AT(u, c, G)) + LOAD(g, AT(u, c, G))"),
     ("jacobi_step", "isinf(lam) || !(denominator > SMALLEST)", "!(denominator > SMALLEST)"),
-    ("jacobi_step", "old + theta *", "old + (real)1.00001f * theta *"),
-    ("gradient_norm", "sum[c] + eps2", "sum[c]"),
-    ("p_laplacian", "k < 2 * H", "k < 2 * H - 1"),
+    ("jacobi_step", "here[c] + theta *", "here[c] + (real)1.00001f * theta *"),
+    ("gradient_norm", "sum[c] += eps2", "sum[c] += 0"),
+    ("p_laplacian", "k < 2 * H; ++k) {", "k < 2 * H - 1; ++k) {"),
     ("degree", "used = x + LANES < width", "used = x + LANES < width - 1"),
-    ("energy", "d * d;\n        }\n        NEIGHBOURS", "d;\n        }\n        NEIGHBOURS"),
+    ("energy", "fidelity += d * d", "fidelity += d"),
 ]
 
 
@@ -452,6 +600,36 @@ def test_a_broken_kernel_is_noticed(monkeypatch, primitive, right, wrong):
     monkeypatch.setattr(kernels, "opencl_source", lambda stem: source.replace(right, wrong))
     with pytest.raises(AssertionError, match="out of bounds"):
         CHECKS[primitive](backend, one)
+
+
+FORM_MUTATIONS = [
+    (test_functions_on_the_edges, "difference", "USED(DERIVED(d))", "USED(d)"),
+    (test_functions_on_the_edges, "difference", "CLEAR_EDGES(out, M)\n", "\n"),
+    (test_functions_on_the_edges, "adjoint", "OWN *", "PULL *"),
+    (test_both_norms_and_processes, "euler_step", "lam * (data - here[c])", "lam * (data + here[c])"),
+    (test_both_norms_and_processes, "jacobi_step", "raise(conductance[c], power)", "raise(conductance[c], -power)"),
+    (test_both_norms_and_processes, "energy", "WHERE(PRESENT, raise", "WHERE(true, raise"),
+]
+
+
+@pytest.mark.parametrize(
+    ("check", "primitive", "right", "wrong"), FORM_MUTATIONS, ids=[f"{m[1]}-{m[2]}" for m in FORM_MUTATIONS]
+)
+def test_a_broken_form_is_noticed(monkeypatch, check, primitive, right, wrong):
+    """The same for the forms of gamma, the edge norm and the functions on the edges."""
+    if "opencl" in backends.absent():
+        pytest.skip(backends.absent()["opencl"])
+    backend = copy.copy(backends.get("opencl"))
+    original = kernels.opencl_source
+    assert original(primitive).count(right) == 1
+    backend._shared = dataclasses.replace(backend._shared, kernels={})
+
+    def broken(stem):
+        return original(stem).replace(right, wrong) if stem == primitive else original(stem)
+
+    monkeypatch.setattr(kernels, "opencl_source", broken)
+    with pytest.raises(AssertionError):
+        check(backend, cases.Setup("grid"), "float32", False)
 
 
 def test_an_output_left_unwritten_is_noticed():

@@ -9,14 +9,17 @@ import pytest
 from gpureg import backends, kernels
 
 # Not primitives: number types, and how to reach a vertex's neighbours.
-PARTS = {"reals", "csr", "grid"}
+PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient"}
 PRIMITIVES = sorted(path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS)
 
 
 def test_the_primitives_of_the_protocol_have_a_kernel_each():
     assert PRIMITIVES == [
+        "adjoint",
         "degree",
+        "difference",
         "energy",
+        "euler_step",
         "gradient_norm",
         "jacobi_step",
         "max_change",

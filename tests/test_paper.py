@@ -138,6 +138,110 @@ def test_p_laplacian_energy_and_step(oracle, name, channels, coupled, p):
         assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=theta), case.array(stepped))
 
 
+class Form:
+    """A graph with gamma = sqrt(w), or with random values of gamma, one per directed edge, some of them 0."""
+
+    def __init__(self, oracle, name, directed):
+        self.case = case = literal(name)
+        self.edges = sorted(case.E) if isinstance(case.graph, GridGraph) else list(self._stored(case.graph))
+        if not directed:
+            self.gamma, self.weighted = case.gamma, case.weighted(oracle, name)
+            return
+        values = cases.rng(31).random(len(self.edges))
+        values[::6] = 0
+        self.gamma = dict(zip(self.edges, values.tolist(), strict=True)) | dict.fromkeys(case.E - set(self.edges), 0.0)
+        self.weighted = oracle.prepare_gamma(case.graph, self.to_host(values[:, None]))
+
+    @staticmethod
+    def _stored(graph):
+        return zip(graph.edge_rows().tolist(), graph.indices.tolist(), strict=True)
+
+    @property
+    def E(self):
+        return set(self.edges)
+
+    def to_host(self, values):
+        """One row per edge, in the form that a backend takes."""
+        graph = self.case.graph
+        return graph.edges_to_window(values) if isinstance(graph, GridGraph) else values
+
+    def from_host(self, values):
+        graph = self.case.graph
+        return graph.window_to_edges(values) if isinstance(graph, GridGraph) else values
+
+
+both_forms = pytest.mark.parametrize("directed", [False, True], ids=["sqrt(w)", "gamma"])
+
+
+@pytest.fixture
+def form(oracle, name, directed):
+    made = Form(oracle, name, directed)
+    if not directed and not isinstance(made.case.graph, GridGraph):
+        # stored edges of weight 0 are edges for d_w, with gamma = 0
+        made.gamma = {e: made.gamma.get(e, 0.0) for e in made.edges}
+    return made
+
+
+@both_forms
+@small_graphs
+@pytest.mark.parametrize("channels", [1, 3])
+def test_difference_and_adjoint(oracle, form, channels):
+    """Eq. 4 and 7, and eq. 6, which makes one the adjoint of the other."""
+    case = form.case
+    f = cases.function(case.graph, channels)
+    fs = case.functions(f)
+    d = oracle.difference(form.weighted, f)
+    expected = [[paper.difference(form.gamma, one, u, v) for one in fs] for u, v in form.edges]
+    assert_close(form.from_host(d), np.array(expected).reshape(len(form.edges), channels))
+    H = cases.rng(37).random((len(form.edges), channels)) - 0.5
+    Hs = [dict(zip(form.edges, column, strict=True)) for column in H.T.tolist()]
+    expected = [[paper.adjoint(form.E, form.gamma, one, u) for one in Hs] for u in case.V]
+    adjoint = oracle.adjoint(form.weighted, form.to_host(H))
+    assert_close(adjoint, expected)
+    products = (form.from_host(d) * H).sum(), (f * adjoint).sum()
+    assert_close(products[0], products[1], scale=np.abs(f).sum() * np.abs(adjoint).max(initial=0))
+
+
+@pytest.mark.parametrize("p", (0.5, 1.0, 1.5, 2.0, 3.0))
+@both_forms
+@small_graphs
+@channel_kinds
+def test_both_norms_and_processes(oracle, form, channels, coupled, p):
+    """Eq. 10, 12, 20, 24, 25 and 30, for gamma = sqrt(w) and for gamma as an array."""
+    case, E, gamma, weighted = form.case, form.E, form.gamma, form.weighted
+    f, f0 = cases.function(case.graph, channels), cases.function(case.graph, channels, seed=13)
+    lam, tau = cases.fidelity(case.graph), 0.25 + cases.rng(3).random((case.graph.n_vertices, 1))
+    fs, f0s = case.functions(f), case.functions(f0)
+    (lams,), (taus,) = case.functions(lam), case.functions(tau)
+    eps, settings = cases.EPS, {"p": p, "eps": cases.EPS, "coupled": coupled}
+
+    norms = paper.norms(case.V, E, gamma, fs, eps, coupled)
+    on_edges = paper.edge_norms(E, gamma, fs, 0.0, coupled)
+    expected = [{u: paper.lp_norm(E, norm, u, p) for u in case.V} for norm in on_edges]
+    actual = oracle.gradient_norm(weighted, f, power=1 / p, eps=0.0, coupled=coupled, edge_power=p / 2)
+    assert_close(actual, case.array(expected[:1] if coupled else expected))
+
+    for edge in (False, True):
+        g = oracle.conductances(weighted, f, edge_norm=edge, **settings)
+        if edge:
+            slopes = [
+                {u: paper.edge_p_laplace(E, gamma, one, u, p, norm) for u in case.V}
+                for one, norm in zip(fs, paper.edge_norms(E, gamma, fs, eps, coupled), strict=True)
+            ]
+        else:
+            slopes = [
+                {u: paper.p_laplace(E, gamma, one, u, p, norm) for u in case.V}
+                for one, norm in zip(fs, norms, strict=True)
+            ]
+        assert_close(oracle.p_laplacian(weighted, f, g), case.array(slopes))
+        energy = paper.energy(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, edge)
+        assert_close(oracle.energy(weighted, f, f0, lam, edge_norm=edge, **settings), energy)
+        stepped = paper.jacobi_step(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, 0.625, edge)
+        assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=0.625), case.array(stepped))
+        stepped = paper.euler_step(case.V, E, gamma, fs, f0s, lams, taus, p, eps, coupled, edge)
+        assert_close(oracle.euler_step(weighted, f, f0, g, lam, tau), case.array(stepped))
+
+
 @small_graphs
 def test_one_lam_for_all_vertices(oracle, name):
     case = literal(name)

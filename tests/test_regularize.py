@@ -153,7 +153,7 @@ def test_callback_sees_each_check_and_can_stop() -> None:
 def test_interruption_keeps_the_last_whole_iterate(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     made, f0 = graph("grid"), function(graph("grid"))
     settings = {"p": 1, "lam": 1, "backend": device}
-    done, step = [], Jacobi.step
+    done, step = [], Jacobi.advance
 
     def pressed(self, problem, state):
         if len(done) == 7:
@@ -162,7 +162,7 @@ def test_interruption_keeps_the_last_whole_iterate(device: str, monkeypatch: pyt
         return step(self, problem, state)
 
     seven = gr.regularize(f0, made, max_iter=7, **settings).value
-    monkeypatch.setattr(Jacobi, "step", pressed)
+    monkeypatch.setattr(Jacobi, "advance", pressed)
     with pytest.raises(KeyboardInterrupt) as caught:
         gr.regularize(f0, made, max_iter=100, **settings)
     assert isinstance(caught.value, gr.Interrupted)
@@ -362,7 +362,15 @@ BAD = [
     ({"weights": np.ones(3)}, ValueError, r"weights must have shape .*got \(3,\)"),
     ({"weights": np.arange(GRID.n_edges)}, ValueError, "same in both directions"),
     ({"gamma": "cubic"}, ValueError, "gamma must be one of sqrt.*got 'cubic'"),
-    ({"gamma": np.ones(4)}, TypeError, "gamma must be a name"),
+    ({"gamma": np.ones(4)}, ValueError, r"gamma must have shape \(58,\).*or \(3, 4, 8\).*got \(4,\)"),
+    ({"gamma": -np.ones(GRID.n_edges)}, ValueError, "gamma must be finite and >= 0, got -1"),
+    ({"gamma": np.full(GRID.n_edges, np.nan)}, ValueError, "gamma must be finite and >= 0, got nan"),
+    ({"gamma": None}, TypeError, "gamma must be a name.*or one number per directed edge"),
+    ({"gamma": np.ones(GRID.n_edges), "weights": np.ones(GRID.n_edges)}, ValueError, "in the place of the weights"),
+    ({"norm": "face"}, ValueError, "norm must be one of vertex, edge, got 'face'"),
+    ({"update_weights": 2}, ValueError, "update_weights needs a weight function.*got weights=None"),
+    ({"update_weights": 0, "weights": gr.weights.patch(0, 1)}, ValueError, "update_weights must be >= 1, got 0"),
+    ({"update_weights": 1.5}, TypeError, "update_weights must be an integer, got 1.5"),
     ({"f0": np.ma.masked_array(np.zeros((3, 4)))}, TypeError, "masked array"),
     ({"eps": -1}, ValueError, "eps must be finite and >= 0, got -1"),
     ({"eps": 0, "p": 1}, ValueError, "eps = 0 is too small for p = 1"),
@@ -405,7 +413,7 @@ def test_wrong_solver_settings() -> None:
         Jacobi(damping=0)
     with pytest.raises(ValueError, match="check_every must be >= 1, got 0"):
         Jacobi(check_every=0)
-    with pytest.raises(TypeError, match="check_every must be a number"):
+    with pytest.raises(TypeError, match=r"check_every must be an integer, got 2\.5"):
         Jacobi(check_every=2.5)
     with pytest.raises(TypeError, match="damping must be a number, got 'a'"):
         Jacobi(damping="a")

@@ -15,13 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .base import Array, Backend, BackendUnavailable, Device, PatchForm, Weighted
+from .base import Array, Backend, BackendUnavailable, Conductance, Device, EdgeNorm, PatchForm, Weighted
 
 __all__ = [
     "Array",
     "Backend",
     "BackendUnavailable",
+    "Conductance",
     "Device",
+    "EdgeNorm",
     "PatchForm",
     "Weighted",
     "absent",

@@ -98,6 +98,32 @@ class PatchForm:
         return g
 
 
+@dataclass(frozen=True)
+class EdgeNorm:
+    """Conductances |d_w(f)(u, v)|_eps^(p - 2) of the edges themselves (eq. 30), in the place of a function g.
+
+    Attributes
+    ----------
+    p, eps : float
+        Degree of regularity and smoothing.
+    coupled : bool
+        One conductance for all channels, or one each.
+    """
+
+    p: float
+    eps: float
+    coupled: bool
+
+    @property
+    def power(self) -> float:
+        """The power of the square that gives the conductance."""
+        return (self.p - 2) / 2
+
+
+Conductance = Array | EdgeNorm | None
+"""g = |grad f|^(p - 2) on the vertices, or the edge norm, or None: p = 2."""
+
+
 @dataclass(frozen=True, eq=False)
 class Weighted:
     """A graph with its weights on a device.
@@ -109,11 +135,14 @@ class Weighted:
         What the device keeps of the graph.
     weights : object or None
         The weights, in the device's own layout; None means 1 on every edge.
+    directed : bool
+        Whether `weights` holds gamma(u, v), one value per directed edge, instead of w.
     """
 
     graph: AnyGraph
     topology: Any
     weights: Any
+    directed: bool = False
 
 
 def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[FloatArray, IntArray]:
@@ -188,6 +217,26 @@ class Backend(ABC):
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         """The weights as :meth:`prepare` takes them."""
 
+    @abstractmethod
+    def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
+        """The graph onto the device with gamma(u, v) in the place of weights, a host function on the edges."""
+
+    @abstractmethod
+    def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
+        """A host function on the directed edges onto the device.
+
+        It is (n_edges, channels) on a :class:`Graph`, (K, *shape, channels) on a :class:`GridGraph`, one plane per
+        offset with 0 where an edge leaves the grid or the mask.
+        """
+
+    @abstractmethod
+    def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
+        """A device function on the directed edges, in the form of :meth:`put_edges`."""
+
+    @abstractmethod
+    def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
+        """A device function on the directed edges to be written."""
+
     # Primitives: kernels/README.md is their contract
 
     @abstractmethod
@@ -196,17 +245,36 @@ class Backend(ABC):
 
     @abstractmethod
     def degree(self, weighted: Weighted) -> Array:
-        """Sum of the weights around each vertex, 1 channel."""
+        """Sum of the weights around each vertex, 1 channel; of gamma(u, v)^2, where that is given."""
+
+    @abstractmethod
+    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
+        """The difference d_w f, a function on the directed edges."""
+
+    @abstractmethod
+    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
+        """The adjoint of the difference, of a function on the directed edges."""
 
     @abstractmethod
     def gradient_norm(
-        self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
+        self,
+        weighted: Weighted,
+        f: Array,
+        *,
+        power: float,
+        eps: float,
+        coupled: bool,
+        edge_power: float | None = None,
+        out: Array | None = None,
     ) -> Array:
-        """(|grad f|^2 + eps^2)^power: 1 channel if coupled, otherwise one per channel of f."""
+        """(|grad f|^2 + eps^2)^power: 1 channel if coupled, otherwise one per channel of f.
+
+        With an `edge_power`, (sum over the edges of (d^2 + eps^2)^edge_power)^power.
+        """
 
     @abstractmethod
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
-        """The p-Laplacian of f, given the conductances g = |grad f|^(p - 2); None for p = 2."""
+    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
+        """The p-Laplacian of f, given the conductances."""
 
     @abstractmethod
     def jacobi_step(
@@ -214,25 +282,64 @@ class Backend(ABC):
         weighted: Weighted,
         f: Array,
         f0: Array,
-        g: Array | None,
+        g: Conductance,
         lam: float | Array,
         *,
         theta: float = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """One sweep of the Gauss-Jacobi process, given the conductances g; `out` is not f."""
+        """One sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+
+    @abstractmethod
+    def euler_step(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        g: Conductance,
+        lam: float | Array,
+        tau: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        """One step of the explicit Euler process, given the conductances; `out` is not f."""
 
     @abstractmethod
     def energy(
-        self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, *, p: float, eps: float, coupled: bool
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
     ) -> float:
-        """The eps-smoothed energy."""
+        """The eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
 
     @abstractmethod
     def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
         """Largest absolute difference; infinity if there is a NaN."""
 
     # Steps made of several primitives: a backend with a fused kernel overrides them
+
+    def conductances(
+        self,
+        weighted: Weighted,
+        f: Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
+        g: Array | None = None,
+    ) -> Conductance:
+        """What the p-Laplacian and both processes take; `g` is scratch of as many channels as gradient norms."""
+        if edge_norm:
+            return EdgeNorm(p, eps, coupled)
+        return None if p == 2 else self.gradient_norm(weighted, f, power=(p - 2) / 2, eps=eps, coupled=coupled, out=g)
 
     def sweep(
         self,
@@ -245,13 +352,13 @@ class Backend(ABC):
         eps: float,
         coupled: bool,
         theta: float,
+        edge_norm: bool = False,
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Conductances, then one Jacobi step, from `f` to `out`; `g` is scratch of as many channels, None for p = 2."""
-        if p != 2:
-            g = self.gradient_norm(weighted, f, power=(p - 2) / 2, eps=eps, coupled=coupled, out=g)
-        return self.jacobi_step(weighted, f, f0, g, lam, theta=theta, out=out)
+        """Conductances, then one Jacobi step, from `f` to `out`; `g` is scratch as in :meth:`conductances`."""
+        found = self.conductances(weighted, f, p=p, eps=eps, coupled=coupled, edge_norm=edge_norm, g=g)
+        return self.jacobi_step(weighted, f, f0, found, lam, theta=theta, out=out)
 
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""

@@ -26,7 +26,9 @@ from .base import (
     Array,
     Backend,
     BackendUnavailable,
+    Conductance,
     Device,
+    EdgeNorm,
     PatchForm,
     Weighted,
     host_weights,
@@ -207,6 +209,20 @@ class OpenCLBackend(Backend):
         size = topology.weight_size()
         return topology.unpack_weights(self._download(weighted.weights, size, self.dtype))
 
+    def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
+        return Weighted(graph, self._topology(graph), self.put_edges(graph, gamma).buffer, directed=True)
+
+    def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
+        return _Function(self.upload(self._topology(graph).pack_edges(values.astype(self.dtype))), values.shape[-1])
+
+    def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
+        topology = self._topology(graph)
+        flat = self._download(x.buffer, topology.edge_size(x.channels), self.dtype)
+        return topology.unpack_edges(flat, x.channels)
+
+    def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
+        return _Function(self._zeros(self._topology(graph).edge_size(channels)), channels)
+
     # Kernels
 
     def _kernel(self, primitive: str, options: tuple[str, ...]) -> cl.Kernel:
@@ -236,25 +252,34 @@ class OpenCLBackend(Backend):
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
         if weighted.weights is not None:
-            options += ("-DWEIGHTED",)
+            options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
         size, local = size or layout.global_size, None
         if self.device.kind == "gpu" and not exact:
             local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
         weights = self._nothing if weighted.weights is None else weighted.weights
+        graph_args = layout.args(weights, weighted.directed or primitive == "adjoint")
         with self._shared.lock:
             kernel = self._kernel(primitive, options)
-            kernel(self._shared.queue, size, local, *layout.args(weights), *args)
+            kernel(self._shared.queue, size, local, *graph_args, *args)
+
+    def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
+        """A number, or one value per vertex, as the two arguments that stand for it."""
+        if isinstance(x, _Function):
+            return [x.buffer, self.real(0)], (option,)
+        return [self._nothing, self.real(x)], ()
 
     def _lam(self, lam: float | Array) -> tuple[list[Any], tuple[str, ...]]:
-        if isinstance(lam, _Function):
-            return [lam.buffer, self.real(0)], ("-DLAM_ARRAY",)
-        return [self._nothing, self.real(lam)], ()
+        return self._number(lam, "-DLAM_ARRAY")
 
-    def _g(self, g: Array | None) -> tuple[cl.Buffer, tuple[str, ...]]:
+    def _g(self, g: Conductance, channels: int) -> tuple[list[Any], tuple[str, ...]]:
+        """The arguments CONDUCTANCE_ARGS."""
+        if isinstance(g, EdgeNorm):
+            norms = 1 if g.coupled else channels
+            return [self._nothing, self.real(g.power), self.real(g.eps) ** 2], ("-DEDGE_NORM", f"-DG={norms}")
         if g is None:
-            return self._nothing, ()
-        return g.buffer, ("-DCONDUCTANCES", f"-DG={g.channels}")
+            return [self._nothing, self.real(0), self.real(0)], ()
+        return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
         topology = self._topology(graph)
@@ -306,19 +331,38 @@ class OpenCLBackend(Backend):
         self._run("degree", weighted, [out.buffer])
         return out
 
+    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
+        out = self.empty_edges(weighted.graph, f.channels) if out is None else out
+        self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",))
+        return out
+
+    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
+        out = self.empty(weighted.graph, H.channels) if out is None else out
+        self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",))
+        return out
+
     def gradient_norm(
-        self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
+        self,
+        weighted: Weighted,
+        f: Array,
+        *,
+        power: float,
+        eps: float,
+        coupled: bool,
+        edge_power: float | None = None,
+        out: Array | None = None,
     ) -> Array:
         G = 1 if coupled else f.channels
         out = self.empty(weighted.graph, G) if out is None else out
-        args = [f.buffer, self.real(eps) ** 2, self.real(power), out.buffer]
-        self._run("gradient_norm", weighted, args, (f"-DM={f.channels}", f"-DG={G}"))
+        args = [f.buffer, self.real(eps) ** 2, self.real(power), self.real(edge_power or 0), out.buffer]
+        options = (f"-DM={f.channels}", f"-DG={G}", *(() if edge_power is None else ("-DEDGE_NORM",)))
+        self._run("gradient_norm", weighted, args, options)
         return out
 
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
+    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
         out = self.empty(weighted.graph, f.channels) if out is None else out
-        g_buffer, options = self._g(g)
-        self._run("p_laplacian", weighted, [f.buffer, g_buffer, out.buffer], (f"-DM={f.channels}", *options))
+        conductance, options = self._g(g, f.channels)
+        self._run("p_laplacian", weighted, [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options))
         return out
 
     def jacobi_step(
@@ -326,17 +370,36 @@ class OpenCLBackend(Backend):
         weighted: Weighted,
         f: Array,
         f0: Array,
-        g: Array | None,
+        g: Conductance,
         lam: float | Array,
         *,
         theta: float = 1.0,
         out: Array | None = None,
     ) -> Array:
         out = self.empty(weighted.graph, f.channels) if out is None else out
-        g_buffer, g_options = self._g(g)
+        conductance, g_options = self._g(g, f.channels)
         lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, g_buffer, *lams, self.real(theta), out.buffer]
+        args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
         self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
+        return out
+
+    def euler_step(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        g: Conductance,
+        lam: float | Array,
+        tau: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        out = self.empty(weighted.graph, f.channels) if out is None else out
+        conductance, g_options = self._g(g, f.channels)
+        lams, lam_options = self._lam(lam)
+        taus, tau_options = self._number(tau, "-DTAU_ARRAY")
+        args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
+        self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
         return out
 
     def _partial(
@@ -350,12 +413,21 @@ class OpenCLBackend(Backend):
         return self._download(out, count, dtype)
 
     def energy(
-        self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, *, p: float, eps: float, coupled: bool
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
     ) -> float:
         G = 1 if coupled else f.channels
         lams, lam_options = self._lam(lam)
         args = [f.buffer, f0.buffer, *lams, self.real(p), self.real(eps) ** 2]
-        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options)
+        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options, *(("-DEDGE_NORM",) if edge_norm else ()))
         return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
 
     def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:

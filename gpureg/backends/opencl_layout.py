@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, Graph, GridGraph
+from ..graph import FloatArray, Graph, GridGraph, opposite_edges
 
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]
@@ -68,8 +68,20 @@ class Layout(ABC):
         """The way back."""
 
     @abstractmethod
-    def args(self, weights: Buffer) -> list[Any]:
-        """The kernel arguments GRAPH_ARGS."""
+    def edge_size(self, channels: int) -> int:
+        """Numbers in a function of so many channels on the directed edges."""
+
+    @abstractmethod
+    def pack_edges(self, values: FloatArray) -> FloatArray:
+        """A host function on the directed edges as the flat buffer holds it."""
+
+    @abstractmethod
+    def unpack_edges(self, flat: FloatArray, channels: int) -> FloatArray:
+        """The way back."""
+
+    @abstractmethod
+    def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
+        """The kernel arguments GRAPH_ARGS; `mirrored` where the kernel reads the opposite of an edge."""
 
 
 class CsrLayout(Layout):
@@ -82,6 +94,9 @@ class CsrLayout(Layout):
         self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
         self.indptr = upload(graph.indptr)
         self.indices = upload(graph.indices)
+        # Made when it is first needed, from what does not keep the graph alive.
+        self._upload, self._topology = upload, (graph.indptr, graph.indices)
+        self._mirror: Buffer = None
         self.segment = max(1, -(-self.n // SEGMENTS))
         self.segments = (-(-self.n // self.segment),)
         self.global_size: tuple[int, ...] = (self.n,)
@@ -104,8 +119,19 @@ class CsrLayout(Layout):
     def unpack_weights(self, flat: FloatArray) -> FloatArray:
         return flat
 
-    def args(self, weights: Buffer) -> list[Any]:
-        return [np.int64(self.n), self.indptr, self.indices, weights]
+    def edge_size(self, channels: int) -> int:
+        return self.n_edges * channels
+
+    def pack_edges(self, values: FloatArray) -> FloatArray:
+        return values
+
+    def unpack_edges(self, flat: FloatArray, channels: int) -> FloatArray:
+        return flat.reshape(self.n_edges, channels)
+
+    def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
+        if mirrored and self._mirror is None:
+            self._mirror = self._upload(opposite_edges(*self._topology).astype(np.int64))
+        return [np.int64(self.n), self.indptr, self.indices, weights, self._mirror if mirrored else weights]
 
 
 class GridLayout(Layout):
@@ -156,20 +182,35 @@ class GridLayout(Layout):
     def weight_size(self) -> int:
         return self.weight_guard + self.rows * self.H * self.weight_pitch + self.weight_guard
 
-    def _weight_rows(self, flat: FloatArray) -> FloatArray:
-        end = self.weight_guard + self.rows * self.H * self.weight_pitch
-        return flat[self.weight_guard : end].reshape(self.rows, self.H, self.weight_pitch)[:, :, : self.W]
+    def _planes(self, flat: FloatArray, count: int) -> FloatArray:
+        end = self.weight_guard + self.rows * count * self.weight_pitch
+        return flat[self.weight_guard : end].reshape(self.rows, count, self.weight_pitch)[:, :, : self.W]
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
         flat = np.zeros(self.weight_size(), weights.dtype)
-        self._weight_rows(flat)[...] = weights.reshape(self.H, self.rows, self.W).transpose(1, 0, 2)
+        self._planes(flat, self.H)[...] = weights.reshape(self.H, self.rows, self.W).transpose(1, 0, 2)
         return flat
 
     def unpack_weights(self, flat: FloatArray) -> FloatArray:
-        half = self._weight_rows(flat).transpose(1, 0, 2)
+        half = self._planes(flat, self.H).transpose(1, 0, 2)
         return np.ascontiguousarray(half).reshape(self.H, *self.shape)
 
-    def args(self, weights: Buffer) -> list[Any]:
+    def edge_size(self, channels: int) -> int:
+        return self.weight_guard + self.rows * 2 * self.H * channels * self.weight_pitch + self.weight_guard
+
+    def pack_edges(self, values: FloatArray) -> FloatArray:
+        K, channels = 2 * self.H, values.shape[-1]
+        flat = np.zeros(self.edge_size(channels), values.dtype)
+        by_row = values.reshape(K, self.rows, self.W, channels).transpose(1, 0, 3, 2)
+        self._planes(flat, K * channels)[...] = by_row.reshape(self.rows, K * channels, self.W)
+        return flat
+
+    def unpack_edges(self, flat: FloatArray, channels: int) -> FloatArray:
+        K = 2 * self.H
+        by_row = self._planes(flat, K * channels).reshape(self.rows, K, channels, self.W)
+        return np.ascontiguousarray(by_row.transpose(1, 0, 3, 2)).reshape(K, *self.shape, channels)
+
+    def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
         return [
             np.int32(self.W),
             np.int32(self.rows),

@@ -21,11 +21,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, Graph, GridGraph
+from ..graph import FloatArray, Graph, GridGraph, opposite_edges
 from ..kernels.warp import (
+    adjoint,
     csr,
     degree,
+    difference,
     energy,
+    euler_step,
     gradient_norm,
     grid,
     jacobi_step,
@@ -35,7 +38,18 @@ from ..kernels.warp import (
     reals,
 )
 from . import numpy as host
-from .base import AnyGraph, Array, Backend, Device, PatchForm, Weighted, host_weights, padded_for_patches
+from .base import (
+    AnyGraph,
+    Array,
+    Backend,
+    Conductance,
+    Device,
+    EdgeNorm,
+    PatchForm,
+    Weighted,
+    host_weights,
+    padded_for_patches,
+)
 
 CUDA_TIER, CPU_TIER = 0, 3
 
@@ -135,6 +149,9 @@ class _Csr:
         self._struct = csr.struct(self._real)
         self.indptr = backend.upload(graph.indptr.astype(np.int32), wp.int32)
         self.indices = backend.upload(graph.indices.astype(np.int32, copy=False), wp.int32)
+        # Made when it is first needed, from what does not keep the graph alive.
+        self._upload, self._topology = backend.upload, (graph.indptr, graph.indices)
+        self._mirror: Any = None
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
         return weights
@@ -142,14 +159,30 @@ class _Csr:
     def unpack_weights(self, packed: FloatArray) -> FloatArray:
         return packed[: self._n_edges]
 
-    def access(self, weighted: bool) -> Any:
-        return csr.make(self._real, weighted)
+    def edge_shape(self) -> tuple[int, ...]:
+        return (1, 1, self._n_edges)
 
-    def argument(self, weights: Any) -> Any:
+    def pack_edges(self, values: FloatArray) -> FloatArray:
+        return values.reshape(1, 1, self._n_edges, -1) if values.size else values.reshape(1, 1, 0, values.shape[-1])
+
+    def unpack_edges(self, packed: FloatArray) -> FloatArray:
+        return packed.reshape(-1, packed.shape[-1])[: self._n_edges]
+
+    def pack_gamma(self, gamma: FloatArray) -> FloatArray:
+        return gamma[..., 0]
+
+    def access(self, form: str) -> Any:
+        return csr.make(self._real, form)
+
+    def argument(self, weights: Any, mirrored: bool) -> Any:
         argument = self._struct()
         argument.indptr, argument.indices = self.indptr, self.indices
         if weights is not None:
             argument.weights = weights
+        if mirrored:
+            if self._mirror is None:
+                self._mirror = self._upload(opposite_edges(*self._topology).astype(np.int32), wp.int32)
+            argument.mirror = self._mirror
         return argument
 
 
@@ -178,10 +211,24 @@ class _Grid:
         half = packed[:, : self.H].transpose(1, 0, 2)
         return np.ascontiguousarray(half).reshape(self.H, *self._graph_shape)
 
-    def access(self, weighted: bool) -> Any:
-        return grid.make(self._real, len(self._graph_shape), weighted)
+    def edge_shape(self) -> tuple[int, ...]:
+        return (self.shape[0], 2 * self.H, self.shape[1])
 
-    def argument(self, weights: Any) -> Any:
+    def pack_edges(self, values: FloatArray) -> FloatArray:
+        rows, width = self.shape
+        return np.ascontiguousarray(values.reshape(2 * self.H, rows, width, values.shape[-1]).transpose(1, 0, 2, 3))
+
+    def unpack_edges(self, packed: FloatArray) -> FloatArray:
+        planes = packed[:, : 2 * self.H].transpose(1, 0, 2, 3)
+        return np.ascontiguousarray(planes).reshape(2 * self.H, *self._graph_shape, packed.shape[-1])
+
+    def pack_gamma(self, gamma: FloatArray) -> FloatArray:
+        return self.pack_edges(gamma)[..., 0]
+
+    def access(self, form: str) -> Any:
+        return grid.make(self._real, len(self._graph_shape), form)
+
+    def argument(self, weights: Any, mirrored: bool) -> Any:
         argument = self._struct()
         argument.n_rows, argument.width = self.shape
         argument.H, argument.sizes, argument.offsets = self.H, self._sizes, self.offsets
@@ -234,9 +281,11 @@ class WarpBackend(Backend):
             self._layouts[graph] = found
         return found
 
-    def _bind(self, graph: AnyGraph, weights: Any) -> Weighted:
+    def _bind(self, graph: AnyGraph, weights: Any, directed: bool = False) -> Weighted:
         layout = self._layout(graph)
-        return Weighted(graph, _Bound(layout, layout.access(weights is not None), layout.argument(weights)), weights)
+        form = "gamma" if directed else "unit" if weights is None else "weights"
+        bound = _Bound(layout, layout.access(form), layout.argument(weights, directed))
+        return Weighted(graph, bound, weights, directed)
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         values = np.asarray(f, self.dtype)
@@ -259,6 +308,20 @@ class WarpBackend(Backend):
         if weighted.weights is None:
             return None
         return np.array(weighted.topology.layout.unpack_weights(weighted.weights.numpy()))
+
+    def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
+        return self._bind(graph, self._upload_reals(self._layout(graph).pack_gamma(gamma)), directed=True)
+
+    def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
+        packed = self._layout(graph).pack_edges(values.astype(self.dtype))
+        return self.upload(packed, reals.vector(self.real, values.shape[-1]))
+
+    def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
+        return np.array(self._layout(graph).unpack_edges(x.numpy()))
+
+    def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
+        shape = tuple(max(size, 1) for size in self._layout(graph).edge_shape())
+        return wp.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
 
     # Kernels
 
@@ -345,23 +408,52 @@ class WarpBackend(Backend):
         self._run(degree.make, weighted, (), [], out)
         return out
 
+    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
+        out = self.empty_edges(weighted.graph, _channels(f)) if out is None else out
+        self._run(difference.make, weighted, (_channels(f),), [f], out)
+        return out
+
+    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
+        out = self.empty(weighted.graph, _channels(H)) if out is None else out
+        bound = weighted.topology
+        argument = bound.layout.argument(weighted.weights, True)
+        self._launch(bound.layout.shape, adjoint.make, (bound.access, _channels(H)), [argument, H], out)
+        return out
+
     def gradient_norm(
-        self, weighted: Weighted, f: Array, *, power: float, eps: float, coupled: bool, out: Array | None = None
+        self,
+        weighted: Weighted,
+        f: Array,
+        *,
+        power: float,
+        eps: float,
+        coupled: bool,
+        edge_power: float | None = None,
+        out: Array | None = None,
     ) -> Array:
         M = _channels(f)
         G = 1 if coupled else M
         out = self.empty(weighted.graph, G) if out is None else out
-        self._run(gradient_norm.make, weighted, (M, G), [f, self._squared(eps), power], out)
+        options = (M, G, edge_power is not None)
+        self._run(gradient_norm.make, weighted, options, [f, self._squared(eps), power, edge_power or 0.0], out)
         return out
 
     def _squared(self, eps: float) -> float:
         return float(np.asarray(eps, self.dtype)[()] ** 2)
 
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Array | None, *, out: Array | None = None) -> Array:
+    def _conductance(self, g: Conductance, M: int) -> tuple[tuple[int, str], list[Any]]:
+        """Number and kind of the conductances, and the arguments that stand for them."""
+        if isinstance(g, EdgeNorm):
+            return (1 if g.coupled else M, "edge"), [None, g.power, self._squared(g.eps)]
+        if g is None:
+            return (1, "none"), [None, 0.0, 0.0]
+        return (_channels(g), "vertex"), [g, 0.0, 0.0]
+
+    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
         M = _channels(f)
         out = self.empty(weighted.graph, M) if out is None else out
-        options = (M, 1 if g is None else _channels(g), g is not None)
-        self._run(p_laplacian.make, weighted, options, [f, g], out)
+        options, conductance = self._conductance(g, M)
+        self._run(p_laplacian.make, weighted, (M, *options), [f, *conductance], out)
         return out
 
     def jacobi_step(
@@ -369,7 +461,7 @@ class WarpBackend(Backend):
         weighted: Weighted,
         f: Array,
         f0: Array,
-        g: Array | None,
+        g: Conductance,
         lam: float | Array,
         *,
         theta: float = 1.0,
@@ -377,15 +469,43 @@ class WarpBackend(Backend):
     ) -> Array:
         M = _channels(f)
         out = self.empty(weighted.graph, M) if out is None else out
-        options = (M, 1 if g is None else _channels(g), g is not None, isinstance(lam, wp.array))
-        self._run(jacobi_step.make, weighted, options, [f, f0, g, lam, theta], out)
+        options, conductance = self._conductance(g, M)
+        inputs = [f, f0, *conductance, lam, theta]
+        self._run(jacobi_step.make, weighted, (M, *options, isinstance(lam, wp.array)), inputs, out)
+        return out
+
+    def euler_step(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        g: Conductance,
+        lam: float | Array,
+        tau: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        M = _channels(f)
+        out = self.empty(weighted.graph, M) if out is None else out
+        options, conductance = self._conductance(g, M)
+        arrays = (isinstance(lam, wp.array), isinstance(tau, wp.array))
+        self._run(euler_step.make, weighted, (M, *options, *arrays), [f, f0, *conductance, lam, tau], out)
         return out
 
     def energy(
-        self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, *, p: float, eps: float, coupled: bool
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
     ) -> float:
         bound, M = weighted.topology, _channels(f)
-        options = (bound.access, M, 1 if coupled else M, isinstance(lam, wp.array))
+        options = (bound.access, M, 1 if coupled else M, edge_norm, isinstance(lam, wp.array))
         inputs = [bound.argument, f, f0, lam, p, self._squared(eps)]
         return float(self._partial(energy.make, bound.layout.shape, options, inputs, wp.float64).sum())
 

@@ -27,8 +27,22 @@ class Solver(ABC):
         """State before the first iteration, whose ``f`` is `initial`."""
 
     @abstractmethod
-    def step(self, problem: DeviceProblem, state: Any) -> Any:
+    def advance(self, problem: DeviceProblem, state: Any) -> Any:
         """State after one more iteration."""
+
+    @abstractmethod
+    def describe(self, state: Any) -> str:
+        """What the iterations from this state do, as a sentence without its full stop."""
+
+
+def check_settings(settings: dict[str, Any], *, integers: tuple[str, ...] = ("check_every",)) -> None:
+    """TypeError or ValueError unless these settings of a solver are numbers; the integers at least 1."""
+    for name, value in settings.items():
+        kinds = (int, np.integer) if name in integers else (int, float, np.number)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, kinds)):
+            raise TypeError(f"{name} must be {'an integer' if name in integers else 'a number'}, got {value!r}")
+        if name in integers and not (value is not None and value >= 1):
+            raise ValueError(f"{name} must be >= 1, got {value}")
 
 
 @dataclass(frozen=True)
@@ -58,13 +72,15 @@ Callback = Callable[[Check], Any]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the loop leaves: the last whole iterate on the device, and its history."""
+    """What the loop leaves: the last whole iterate on the device, the problem it belongs to, and its history."""
 
+    problem: DeviceProblem
     f: Array
     iterations: int
     stop: Stop
     energy: list[float]
     checks: list[int]
+    method: str
 
 
 @contextmanager
@@ -91,10 +107,12 @@ def run(
     threshold: float | None,
     callback: Callback | None,
     report: Callable[[int], None],
+    update_weights: int | None = None,
 ) -> Outcome:
     """Iterate until a stop: `max_iter`, a largest change of at most `threshold`, the callback, or Ctrl-C.
 
-    `report` is told the iterations done at each check.
+    `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
+    from the current iterate, and the solver starts again from there.
 
     Raises
     ------
@@ -115,17 +133,20 @@ def run(
     expect_finite(energies[0])
 
     def outcome(stop: Stop) -> Outcome:
-        return Outcome(state.f, done, stop, energies, checks)
+        method = solver.describe(state)
+        if update_weights is not None:
+            method += f", weights computed anew every {update_weights} iteration(s)"
+        return Outcome(problem, state.f, done, stop, energies, checks, method + ".")
 
     def is_told_to_stop(change: float) -> bool:
         if callback is None:
             return False
-        now, at = state.f, done
+        now, at, of = state.f, done, problem
 
         def value() -> FloatArray:
             if done != at:
                 raise RuntimeError("check.value() reads the iterate of its own check: call it inside the callback")
-            return problem.get_function(now)
+            return of.get_function(now)
 
         check = Check(done, energies[-1], change, value)
         return callback(check) is True
@@ -134,9 +155,18 @@ def run(
         if is_told_to_stop(math.inf):
             return outcome(Stop.CALLBACK)
         while done < max_iter:
-            for _ in range(min(solver.check_every, max_iter - done)):
+            if update_weights is not None and done and done % update_weights == 0:
+                host = problem.get_function(state.f)
+                anew = DeviceProblem.put(problem.problem, backend, host)
+                problem, state = anew, solver.start(anew, anew.put_function(host))
+            until = min(done - done % solver.check_every + solver.check_every, max_iter)
+            if update_weights is not None:
+                until = min(until, done - done % update_weights + update_weights)
+            while done < until:
                 # One assignment of a pair: an interrupt falls before or after a whole iteration.
-                state, done = solver.step(problem, state), done + 1
+                state, done = solver.advance(problem, state), done + 1
+            if done % solver.check_every and done < max_iter:
+                continue  # only the weights are due
             change = problem.change(state.f, state.previous)
             energy = problem.energy(state.f)
             expect_finite(change, energy)

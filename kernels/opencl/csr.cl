@@ -3,7 +3,10 @@
  *   GRAPH_ARGS                 the kernel arguments that hold the graph
  *   VERTEX                     declares this work item's vertex u, or ends the work item
  *   AT(u, c, channels)         index of channel c of vertex u in a function of that many channels
- *   NEIGHBOURS ... END         a loop over the neighbours v of u with weight w
+ *   NEIGHBOURS ... END         a loop over the neighbours v of u, with what gamma.cl takes of the edge
+ *   EDGE_AT(c, channels)       inside it, index of channel c of the edge (u, v) in a function on the edges; OPPOSITE_AT
+ *                              that of (v, u)
+ *   CLEAR_EDGES(p, channels)   zeros where a function on the edges has room for edges that do not exist (here: nowhere)
  *   USED(x)                    x, or 0 in lanes that hold no vertex (here: x)
  *   SEGMENT_BEGIN ... SEGMENT_END    a loop over all vertices u of this work item's segment, for sums
  *
@@ -12,6 +15,7 @@
 #ifndef CSR_CL
 #define CSR_CL
 #include "reals.cl"
+#include "gamma.cl"
 
 #ifndef INDEX
 #define INDEX int
@@ -21,7 +25,8 @@
     const long n,                      /* number of vertices */                                                      \
     __global const long *indptr,       /* (n + 1,) */                                                                \
     __global const INDEX *indices,     /* (n_edges,) */                                                              \
-    __global const real *weights       /* (n_edges,), one per directed edge; not read without WEIGHTED */
+    __global const real *weights,      /* (n_edges,), one per directed edge: w with WEIGHTED, gamma with GAMMA */       \
+    __global const long *mirror        /* (n_edges,): the place of (v, u); read with GAMMA, and by adjoint */
 
 #define VERTEX                                                                                                       \
     const long u = get_global_id(0);                                                                                 \
@@ -29,17 +34,23 @@
 
 #define AT(u, c, channels) ((long)(u) * (channels) + (c))
 
-#ifdef WEIGHTED
-#define EDGE_WEIGHT(e) weights[e]
+#ifdef GAMMA
+#define EDGE_FACTORS const real own = weights[e], other = weights[mirror[e]];
+#elif defined(WEIGHTED)
+#define EDGE_FACTORS const real w = weights[e];
 #else
-#define EDGE_WEIGHT(e) (real)1
+#define EDGE_FACTORS const real w = 1;
 #endif
 
 #define NEIGHBOURS                                                                                                   \
     for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                               \
         const long v = indices[e];                                                                                   \
-        const real w = EDGE_WEIGHT(e);
+        EDGE_FACTORS
 #define END }
+
+#define EDGE_AT(c, channels) (e * (channels) + (c))
+#define OPPOSITE_AT(c, channels) (mirror[e] * (channels) + (c))
+#define CLEAR_EDGES(p, channels)
 
 #define USED(x) (x)
 

@@ -1,4 +1,4 @@
-/* degree(u) = sum_v w(u, v)                                                                     (section 2.1)
+/* degree(u) = sum_v gamma(u, v)^2, which is sum_v w(u, v) with gamma = sqrt(w)                      (section 2.1)
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
@@ -17,7 +17,7 @@ __kernel void degree(
     VERTEX
     realN sum = 0;
     NEIGHBOURS
-        sum += w;
+        sum += HOLD;
     END
     STORE(out, AT(u, 0, 1), USED(sum));
 }

@@ -1,5 +1,6 @@
 /* energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
  *
+ * EDGE_NORM: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq. 30).
  * The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the second
  * term is left out: f = f0 there.
  *
@@ -7,18 +8,7 @@
  * segments depend on the graph alone, so the bits are the same on every run.
  * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values and lam, on CSR also D indices.
  */
-#ifdef GRID
-#include "grid.cl"
-#else
-#include "csr.cl"
-#endif
-
-#ifndef M
-#define M 1
-#endif
-#ifndef G
-#define G 1
-#endif
+#include "squared_gradient.cl"
 
 __kernel void energy(
     GRAPH_ARGS,
@@ -32,28 +22,27 @@ __kernel void energy(
     /* output */
     __global sum_t *out) /* one number per segment */
 {
+    const real edge_power = p / 2;
     long_sum total = sum_start();
     SEGMENT_BEGIN
         realN here[M], sum[G], fidelity = 0;
-        for (int c = 0; c < G; ++c) sum[c] = 0;
         for (int c = 0; c < M; ++c) {
             here[c] = LOAD(f, AT(u, c, M));
             const realN d = here[c] - LOAD(f0, AT(u, c, M));
             fidelity += d * d;
         }
-        NEIGHBOURS
-            for (int c = 0; c < M; ++c) {
-                const realN d = LOAD(f, AT(v, c, M)) - here[c];
-                sum[G == 1 ? 0 : c] += w * d * d;
-            }
-        END
+        SUM_OF_SQUARES
 #ifdef LAM_ARRAY
         const realN lam = LOAD(lams, AT(u, 0, 1));
 #else
         const realN lam = (realN)(lam_);
 #endif
         realN density = isinf(lam) ? (realN)(0) : lam * fidelity / 2;
-        for (int c = 0; c < G; ++c) density += raise(sum[c] + eps2, p / 2) / p;
+#ifdef EDGE_NORM
+        for (int c = 0; c < G; ++c) density += sum[c] / (2 * p);
+#else
+        for (int c = 0; c < G; ++c) density += raise(sum[c], p / 2) / p;
+#endif
         total = sum_add_pack(total, USED(density));
     SEGMENT_END
     out[SEGMENT_INDEX] = sum_value(total);

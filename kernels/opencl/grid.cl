@@ -8,10 +8,13 @@
  * Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one
  * sweep streams through them: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. A plane's
  * tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads 0.
+ * Functions on the edges (gamma with GAMMA among them) lie in the same way, for the whole window of 2 H offsets: channel
+ * c of offset k takes the place of weight k * channels + c; 0 where an edge leaves the grid.
  */
 #ifndef GRID_CL
 #define GRID_CL
 #include "reals.cl"
+#include "gamma.cl"
 
 #ifndef NDIM
 #define NDIM 2
@@ -29,7 +32,7 @@
     __global const int *row_jumps,       /* (2 H,): rows from a vertex to its neighbour */                           \
     const long weight_pitch,                                                                                         \
     const long weight_guard,                                                                                         \
-    __global const real *weights         /* not read without WEIGHTED */
+    __global const real *weights         /* w with WEIGHTED, gamma with GAMMA */
 
 /* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
 #if NDIM == 1
@@ -63,13 +66,24 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 
 #define AT(u, c, channels) ((u) + (c) * plane)
 
-/* Weight of the edge from u along offset k: stored at u when k leads forward, at v when it leads back. */
-#ifdef WEIGHTED
-#define EDGE_WEIGHT                                                                                                  \
-    (k >= H ? LOAD(weights, weight_guard + ((long)row * H + (k - H)) * weight_pitch + x)                             \
-            : LOAD(weights, weight_guard + ((long)(row + row_jumps[k]) * H + (H - 1 - k)) * weight_pitch + x + step))
+#define EDGE_AT(c, channels) (weight_guard + (((long)row * 2 * H + k) * (channels) + (c)) * weight_pitch + x)
+#define OPPOSITE_AT(c, channels)                                                                                     \
+    (weight_guard + (((long)(row + row_jumps[k]) * 2 * H + (2 * H - 1 - k)) * (channels) + (c)) * weight_pitch + x + step)
+#define CLEAR_EDGES(p, channels)                                                                                     \
+    for (int k = 0; k < 2 * H; ++k)                                                                                  \
+        for (int c = 0; c < (channels); ++c) STORE(p, EDGE_AT(c, channels), (realN)(0));
+
+/* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. */
+#ifdef GAMMA
+#define EDGE_FACTORS                                                                                                 \
+    const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));
+#elif defined(WEIGHTED)
+#define EDGE_FACTORS                                                                                                 \
+    const realN w =                                                                                                  \
+        k >= H ? LOAD(weights, weight_guard + ((long)row * H + (k - H)) * weight_pitch + x)                          \
+               : LOAD(weights, weight_guard + ((long)(row + row_jumps[k]) * H + (H - 1 - k)) * weight_pitch + x + step);
 #else
-#define EDGE_WEIGHT WHERE(used && x + LANES + step >= 0 && x + LANES + step < width, 1)
+#define EDGE_FACTORS const realN w = WHERE(used && x + LANES + step >= 0 && x + LANES + step < width, 1);
 #endif
 
 #define NEIGHBOURS                                                                                                   \
@@ -77,7 +91,7 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
         if (!ROW_EXISTS(k)) continue;                                                                                \
         const int step = offsets[k * NDIM + NDIM - 1];                                                               \
         const long v = u + row_jumps[k] * pitch + step;                                                              \
-        const realN w = EDGE_WEIGHT;
+        EDGE_FACTORS
 #define END }
 
 #define USED(x) WHERE(used, x)

@@ -69,7 +69,9 @@ static inline realN raise(const realN x, const real power)
     if (power == (real)0) return (realN)(1);
     if (power == (real)0.5) return sqrt(x);
     if (power == (real)-0.5) return (realN)(1) / sqrt(x);
-    return pow(x, (realN)(power));
+    /* PoCL 3.1: the pow of a pack of doubles is wrong in its other lanes when one lane is 0. */
+    const laneN positive = x > 0;
+    return positive ? pow(positive ? x : (realN)(1), (realN)(power)) : (realN)(power > 0 ? (real)0 : (real)INFINITY);
 }
 
 /* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */

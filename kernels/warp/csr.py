@@ -6,7 +6,9 @@
   begin(graph, u), end(graph, u)   the range of its edges e
   neighbour(graph, u, e)     the vertex v at the other end
   exists(graph, v)           whether there is such a vertex (here: yes)
-  weight(graph, u, e, v)     w(u, v); 1 in a graph without weights
+  edge(graph, u, e, v)       what gamma.py takes: w(u, v), 1 in a graph without weights, or both values of gamma
+  edge_at(u, e)              where a function on the edges has the edge (u, v), three indices
+  opposite_at(graph, v, e)   where it has (v, u)
 
 Functions on vertices are (rows, width) arrays of vectors, here with one row. A gather brings all channels of a
 neighbour at once. Indices of a Warp array are 32 bits wide, so a graph has less than 2^31 directed edges.
@@ -17,6 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
+
+from . import gamma
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,11 @@ class Access:
     end: Any
     neighbour: Any
     exists: Any
-    weight: Any
+    edge: Any
+    edge_at: Any
+    opposite_at: Any
+    Edge: Any
+    directed: bool
 
 
 @functools.cache
@@ -42,15 +50,17 @@ def struct(real):
     class Csr:
         indptr: wp.array(dtype=wp.int32)  # (n + 1,)
         indices: wp.array(dtype=wp.int32)  # (n_edges,)
-        weights: wp.array(dtype=real)  # (n_edges,), one per directed edge; not read without weights
+        weights: wp.array(dtype=real)  # (n_edges,), one per directed edge: w, or gamma; not read without
+        mirror: wp.array(dtype=wp.int32)  # (n_edges,): the place of (v, u); read with gamma, and by adjoint
 
     return Csr
 
 
 @functools.cache
-def make(real, weighted):
-    """The names above for a graph with or without weights."""
+def make(real, form):
+    """The names above for a graph whose edges have a `form`: "unit" weights, "weights", or "gamma"."""
     Graph, Place = struct(real), wp.vec2i
+    Edge = gamma.edge(real, form == "gamma")
 
     @wp.func
     def place(graph: Graph, row: int, x: int) -> Place:
@@ -72,16 +82,32 @@ def make(real, weighted):
     def exists(graph: Graph, v: Place) -> bool:
         return True
 
-    if weighted:
+    if form == "gamma":
 
         @wp.func
-        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> Edge:
+            return Edge(graph.weights[e], graph.weights[graph.mirror[e]])
+
+    elif form == "weights":
+
+        @wp.func
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             return graph.weights[e]
 
     else:
 
         @wp.func
-        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             return real(1.0)
 
-    return Access(real, Graph, Place, place, begin, end, neighbour, exists, weight)
+    @wp.func
+    def edge_at(u: Place, e: int) -> wp.vec3i:
+        return wp.vec3i(0, 0, e)
+
+    @wp.func
+    def opposite_at(graph: Graph, v: Place, e: int) -> wp.vec3i:
+        return wp.vec3i(0, 0, graph.mirror[e])
+
+    return Access(
+        real, Graph, Place, place, begin, end, neighbour, exists, edge, edge_at, opposite_at, Edge, form == "gamma"
+    )

@@ -1,5 +1,6 @@
 """energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
 
+Edge norm: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq. 30).
 The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the second
 term is left out: f = f0 there.
 
@@ -12,18 +13,29 @@ import functools
 
 import warp as wp
 
-from . import reals
-from .gradient_norm import squared_gradient
+from . import reals, squared_gradient
 
 
 @functools.cache
-def make(access, M, G, lam_array):
+def make(access, M, G, edge_norm, lam_array):
     """The kernel for one kind of graph, M channels, G gradient norms, and lam as an array or a number."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
-    function, raised = channels.function, channels.raised
-    around = squared_gradient(access, M, G)
-    lam_type, lam_at = reals.fidelity(real, Place, lam_array)
+    function, raise_ = channels.function, reals.raising(real)
+    around = squared_gradient.make(access, M, G, edge_norm)
+    lam_type, lam_at = reals.per_vertex(real, Place, lam_array)
+
+    if edge_norm:
+        # raised already, edge by edge; every edge is met twice
+        @wp.func
+        def term(x: real, p: real) -> real:
+            return x / (real(2.0) * p)
+
+    else:
+
+        @wp.func
+        def term(x: real, p: real) -> real:
+            return raise_(x, p / real(2.0)) / p
 
     @wp.func
     def density(
@@ -35,14 +47,14 @@ def make(access, M, G, lam_array):
         eps2: real,
         u: Place,
     ) -> real:
-        smoothness = raised(around(graph, f, u), eps2, p / real(2.0))
+        smoothness = around(graph, f, u, eps2, p / real(2.0))
         total = real(0.0)
         lam_u = lam_at(lam, u)
         if not wp.isinf(lam_u):
             d = f[u[0], u[1]] - f0[u[0], u[1]]
             total = lam_u * wp.dot(d, d) / real(2.0)
         for c in range(G):
-            total += smoothness[c] / p
+            total += term(smoothness[c], p)
         return total
 
     @wp.func

@@ -1,7 +1,11 @@
-"""gradient_norm(u) = (|grad_w f(u)|^2 + eps^2)^power,   |grad_w f(u)|^2 = sum_v w(u, v) |f(v) - f(u)|^2
+"""gradient_norm(u) = (|grad_w f(u)|^2 + eps^2)^power,   |grad_w f(u)|^2 = sum_v d_w(f)(u, v)^2
                                                                                   (eq. 9, 15, section 5.1)
-One gradient norm for all M channels (G = 1), or one each (G = M). power 1/2 gives the local variation, (p - 2)/2 the
-conductances of the p-Laplacian, p/2 the density of the energy. The power is taken of the sum, never of a root.
+With gamma = sqrt(w), d_w(f)(u, v)^2 = w(u, v) |f(v) - f(u)|^2. One gradient norm for all M channels (G = 1), or one
+each (G = M). power 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the density of
+the energy. The power is taken of the sum, never of a root.
+
+Edge norm: (sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power)^power instead, over the edges whose gamma is not 0; p/2 and 1/p
+give the L^p norm of eq. 10.
 
 One work item: one vertex.
 Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the cache,
@@ -12,37 +16,16 @@ import functools
 
 import warp as wp
 
-from . import reals
+from . import reals, squared_gradient
 
 
 @functools.cache
-def squared_gradient(access, M, G):
-    """A function that gives |grad_w f(u)|^2 as a norm; the energy uses it too."""
-    Graph, Place = access.Graph, access.Place
-    begin, end, neighbour, exists, weight = access.begin, access.end, access.neighbour, access.exists, access.weight
-    channels = reals.make(access.real, M, G)
-    function, norm, squared = channels.function, channels.norm, channels.squared
-
-    @wp.func
-    def around(graph: Graph, f: wp.array2d(dtype=function), u: Place) -> norm:
-        here = f[u[0], u[1]]
-        total = norm()
-        for e in range(begin(graph, u), end(graph, u)):
-            v = neighbour(graph, u, e)
-            if exists(graph, v):
-                total += weight(graph, u, e, v) * squared(f[v[0], v[1]] - here)
-        return total
-
-    return around
-
-
-@functools.cache
-def make(access, M, G):
-    """The kernel for one kind of graph, M channels and G gradient norms."""
+def make(access, M, G, edge_norm):
+    """The kernel for one kind of graph, M channels and G gradient norms, of vertices or of edges."""
     real, Graph, place = access.real, access.Graph, access.place
     channels = reals.make(real, M, G)
     function, norm, raised = channels.function, channels.norm, channels.raised
-    around = squared_gradient(access, M, G)
+    around = squared_gradient.make(access, M, G, edge_norm)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gradient_norm(
@@ -50,10 +33,11 @@ def make(access, M, G):
         f: wp.array2d(dtype=function),  # M channels
         eps2: real,  # eps^2
         power: real,
+        edge_power: real,  # read with the edge norm
         # output
         out: wp.array2d(dtype=norm),  # G channels
     ):
         row, x = wp.tid()
-        out[row, x] = raised(around(graph, f, place(graph, row, x)), eps2, power)
+        out[row, x] = raised(around(graph, f, place(graph, row, x), eps2, edge_power), real(0.0), power)
 
     return gradient_norm

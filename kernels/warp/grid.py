@@ -7,13 +7,15 @@ the difference of two such vectors, so that a neighbour is a sum. Every neighbou
 is no padding.
 
 Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one sweep
-streams through them: (n_rows, H, width), 0 where an edge leaves the grid.
+streams through them: (n_rows, H, width), 0 where an edge leaves the grid. Functions on the edges (gamma among them) lie
+in the same way, for the whole window: (n_rows, 2 H, width).
 """
 
 import functools
 
 import warp as wp
 
+from . import gamma
 from .csr import Access
 
 
@@ -31,15 +33,16 @@ def struct(real, ndim):
         H: wp.int32  # forward offsets, half the window
         sizes: Sizes  # of the leading axes, on three axes and more
         offsets: wp.array(dtype=Place)  # (2 H,)
-        weights: wp.array3d(dtype=real)  # (n_rows, H, width); not read without weights
+        weights: wp.array3d(dtype=real)  # (n_rows, H, width), or gamma (n_rows, 2 H, width); not read without
 
     return Grid, Place, Sizes
 
 
 @functools.cache
-def make(real, ndim, weighted):
-    """The names of csr.py for a grid of so many axes with or without weights."""
+def make(real, ndim, form):
+    """The names of csr.py for a grid of so many axes, for one `form` of its edges."""
     Graph, Place, _ = struct(real, ndim)
+    Edge = gamma.edge(real, form == "gamma")
     leading = ndim - 1
 
     # `exists` compares as unsigned numbers, where one below 0 is very large: one comparison holds off both ends.
@@ -86,10 +89,16 @@ def make(real, ndim, weighted):
     def neighbour(graph: Graph, u: Place, e: int) -> Place:
         return u + graph.offsets[e]
 
-    if weighted:
+    if form == "gamma":
+
+        @wp.func
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> Edge:
+            return Edge(graph.weights[u[0], e, u[1]], graph.weights[v[0], 2 * graph.H - 1 - e, v[1]])
+
+    elif form == "weights":
         # Stored at u when the edge leads forward, at v when it leads back.
         @wp.func
-        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             if e >= graph.H:
                 return graph.weights[u[0], e - graph.H, u[1]]
             return graph.weights[v[0], graph.H - 1 - e, v[1]]
@@ -97,7 +106,17 @@ def make(real, ndim, weighted):
     else:
 
         @wp.func
-        def weight(graph: Graph, u: Place, e: int, v: Place) -> real:
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             return real(1.0)
 
-    return Access(real, Graph, Place, place, begin, end, neighbour, exists, weight)
+    @wp.func
+    def edge_at(u: Place, e: int) -> wp.vec3i:
+        return wp.vec3i(u[0], e, u[1])
+
+    @wp.func
+    def opposite_at(graph: Graph, v: Place, e: int) -> wp.vec3i:
+        return wp.vec3i(v[0], 2 * graph.H - 1 - e, v[1])
+
+    return Access(
+        real, Graph, Place, place, begin, end, neighbour, exists, edge, edge_at, opposite_at, Edge, form == "gamma"
+    )

@@ -1,47 +1,59 @@
 """One sweep of the Gauss-Jacobi process                                                       (eq. 25, 31)
 
-  J(u)   = (lam f0(u) + sum_v a(u, v) f(v)) / (lam + sum_v a(u, v)),   a(u, v) = w(u, v) (g(u) + g(v))
+  J(u)   = (lam f0(u) + sum_v beta(u, v) f(v)) / (lam + sum_v alpha(u, v))
   out(u) = f(u) + theta (J(u) - f(u))
 
-g = |grad_w f|^(p - 2), or 1 without conductances (p = 2). lam is a number, or one value per vertex. Where lam is
-infinite, or the denominator is not above `smallest` (lam and all weights are 0, or nearly), out = f0. theta = 1 is the
-paper's process.
+alpha = gamma(u, v)^2 c(u, v), beta = gamma(u, v) gamma(v, u) c(u, v), c the conductance of the edge (conductance.py).
+lam is a number, or one value per vertex. Where lam is infinite, or the denominator is not above `smallest` (lam and all
+weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances and lam, of which a grid
-finds all but 2 M + G + 1 in the cache, on CSR also D indices; writes M numbers.
+Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge norm)
+and lam, of which a grid finds all but 2 M + G + 1 in the cache, on CSR also D indices; writes M numbers.
 """
 
 import functools
 
 import warp as wp
 
-from . import reals
+from . import conductance, gamma, reals
 
 
 @functools.cache
-def make(access, M, G, conductances, lam_array):
-    """The kernel for one kind of graph, M channels, G conductances or none, and lam as an array or a number."""
+def make(access, M, G, kind, lam_array):
+    """The kernel for one kind of graph, M channels, G conductances of a kind, and lam as an array or a number."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
-    begin, end, neighbour, exists, weight = access.begin, access.end, access.neighbour, access.exists, access.weight
+    begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
     function, norm, scaled = channels.function, channels.norm, channels.scaled
-    pair = reals.conductance(real, Place, G, conductances)
-    lam_type, lam_at = reals.fidelity(real, Place, lam_array)
+    of = gamma.make(real, access.directed, M, G)
+    difference, hold, pull_of = of.difference, of.hold, of.pull
+    conductance_of = conductance.make(access, M, G, kind)
+    lam_type, lam_at = reals.per_vertex(real, Place, lam_array)
     last = G - 1
     smallest = reals.smallest(real)
 
-    # The two sums: of a(u, v) f(v), and of a(u, v).
+    # The two sums: of beta(u, v) f(v), and of alpha(u, v).
     @wp.func
-    def around(graph: Graph, f: wp.array2d(dtype=function), g: wp.array2d(dtype=norm), u: Place):
+    def around(
+        graph: Graph,
+        f: wp.array2d(dtype=function),
+        g: wp.array2d(dtype=norm),
+        power: real,
+        eps2: real,
+        u: Place,
+    ):
+        here = f[u[0], u[1]]
         pull = function()
         total = norm()
-        for e in range(begin(graph, u), end(graph, u)):
-            v = neighbour(graph, u, e)
+        for i in range(begin(graph, u), end(graph, u)):
+            v = neighbour(graph, u, i)
             if exists(graph, v):
-                a = weight(graph, u, e, v) * pair(g, u, v)
-                total += a
-                pull += scaled(a, f[v[0], v[1]])
+                e = edge(graph, u, i, v)
+                there = f[v[0], v[1]]
+                c = conductance_of(e, difference(e, here, there), g, u, v, power, eps2)
+                total += hold(e) * c
+                pull += scaled(pull_of(e) * c, there)
         return pull, total
 
     @wp.func
@@ -67,6 +79,8 @@ def make(access, M, G, conductances, lam_array):
         f: wp.array2d(dtype=function),  # M channels
         f0: wp.array2d(dtype=function),  # M channels
         g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        power: real,  # (p - 2)/2; read with the edge norm
+        eps2: real,  # eps^2; read with the edge norm
         lam: lam_type,  # a number or 1 channel
         theta: real,
         # output
@@ -74,7 +88,7 @@ def make(access, M, G, conductances, lam_array):
     ):
         row, x = wp.tid()
         u = place(graph, row, x)
-        pull, total = around(graph, f, g, u)
+        pull, total = around(graph, f, g, power, eps2, u)
         out[row, x] = move_all(f[row, x], f0[row, x], pull, total, lam_at(lam, u), theta)
 
     return jacobi_step

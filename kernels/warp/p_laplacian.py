@@ -1,47 +1,72 @@
-"""p_laplacian(u) = sum_v w(u, v) (g(u) + g(v)) (f(u) - f(v)),   g = |grad_w f|^(p - 2)          (eq. 12)
+"""p_laplacian(u) = sum_v gamma(u, v) c(u, v) (gamma(u, v) f(u) - gamma(v, u) f(v))                      (eq. 12)
 
-Without conductances g is 1: p = 2, the Laplacian of eq. 16.
+c is the conductance of the edge (conductance.py): g(u) + g(v) with g = |grad_w f|^(p - 2), 2 for p = 2 (eq. 16), or,
+with the edge norm, |d_w(f)(u, v)|^(p - 2) (the derivative of eq. 30).
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights, (D + 1) M values and (D + 1) G conductances, of which a grid finds
-all but M + G in the cache, on CSR also D indices; writes M numbers.
+Traffic per vertex of D neighbours: reads D weights, (D + 1) M values and (D + 1) G conductances (none with the edge
+norm), of which a grid finds all but M + G in the cache, on CSR also D indices; writes M numbers.
 """
 
 import functools
 
 import warp as wp
 
-from . import reals
+from . import conductance, gamma, reals
 
 
 @functools.cache
-def make(access, M, G, conductances):
-    """The kernel for one kind of graph, M channels and G conductances or none."""
-    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
-    begin, end, neighbour, exists, weight = access.begin, access.end, access.neighbour, access.exists, access.weight
+def flow_around(access, M, G, kind):
+    """A function that gives the sum, with the opposite sign, at a vertex; the Euler step uses it too."""
+    real, Graph, Place = access.real, access.Graph, access.Place
+    begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
     function, norm, scaled = channels.function, channels.norm, channels.scaled
-    pair = reals.conductance(real, Place, G, conductances)
+    of = gamma.make(real, access.directed, M, G)
+    difference, flow = of.difference, of.flow
+    conductance_of = conductance.make(access, M, G, kind)
 
     @wp.func
-    def around(graph: Graph, f: wp.array2d(dtype=function), g: wp.array2d(dtype=norm), u: Place) -> function:
+    def around(
+        graph: Graph,
+        f: wp.array2d(dtype=function),
+        g: wp.array2d(dtype=norm),
+        power: real,
+        eps2: real,
+        u: Place,
+    ) -> function:
         here = f[u[0], u[1]]
         total = function()
-        for e in range(begin(graph, u), end(graph, u)):
-            v = neighbour(graph, u, e)
+        for i in range(begin(graph, u), end(graph, u)):
+            v = neighbour(graph, u, i)
             if exists(graph, v):
-                total += scaled(weight(graph, u, e, v) * pair(g, u, v), here - f[v[0], v[1]])
+                e = edge(graph, u, i, v)
+                d = difference(e, here, f[v[0], v[1]])
+                total += scaled(conductance_of(e, d, g, u, v, power, eps2), flow(e, d))
         return total
+
+    return around
+
+
+@functools.cache
+def make(access, M, G, kind):
+    """The kernel for one kind of graph, M channels, and G conductances of a kind."""
+    real, Graph, place = access.real, access.Graph, access.place
+    channels = reals.make(real, M, G)
+    function, norm = channels.function, channels.norm
+    around = flow_around(access, M, G, kind)
 
     @wp.kernel(module="unique", enable_backward=False)
     def p_laplacian(
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
         g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        power: real,  # (p - 2)/2; read with the edge norm
+        eps2: real,  # eps^2; read with the edge norm
         # output
         out: wp.array2d(dtype=function),  # M channels
     ):
         row, x = wp.tid()
-        out[row, x] = around(graph, f, g, place(graph, row, x))
+        out[row, x] = function() - around(graph, f, g, power, eps2, place(graph, row, x))
 
     return p_laplacian

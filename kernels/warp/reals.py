@@ -99,39 +99,20 @@ def make(real, M, G):
 
 
 @functools.cache
-def fidelity(real, Place, lam_array):
-    """The type of the argument lam, and a function that gives its value at a vertex."""
-    if lam_array:
-        lam_type = wp.array2d(dtype=vector(real, 1))
+def per_vertex(real, Place, is_array):
+    """The type of an argument that is a number or one value per vertex, and a function that gives its value at one."""
+    if is_array:
+        argument = wp.array2d(dtype=vector(real, 1))
 
         @wp.func
-        def lam_at(lam: lam_type, u: Place) -> real:
-            return lam[u[0], u[1]][0]
+        def value_at(x: argument, u: Place) -> real:
+            return x[u[0], u[1]][0]
 
     else:
-        lam_type = real
+        argument = real
 
         @wp.func
-        def lam_at(lam: real, u: Place) -> real:
-            return lam
+        def value_at(x: real, u: Place) -> real:
+            return x
 
-    return lam_type, lam_at
-
-
-@functools.cache
-def conductance(real, Place, G, conductances):
-    """A function that gives g(u) + g(v) as a norm; 2 without conductances (p = 2), and then g is not read."""
-    norm = vector(real, G)
-    if conductances:
-
-        @wp.func
-        def pair(g: wp.array2d(dtype=norm), u: Place, v: Place) -> norm:
-            return g[u[0], u[1]] + g[v[0], v[1]]
-
-    else:
-
-        @wp.func
-        def pair(g: wp.array2d(dtype=norm), u: Place, v: Place) -> norm:
-            return norm(real(2.0))
-
-    return pair
+    return argument, value_at

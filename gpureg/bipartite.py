@@ -1,0 +1,85 @@
+"""Where a plain Gauss-Jacobi sweep can swing: bipartite parts of a graph that hold no data.
+
+With lam = 0 a sweep replaces every vertex by a mean of its neighbours. Where the neighbours' neighbours never meet a
+vertex of the other kind (a bipartite part: the 4-adjacency graph, a tree, an even cycle) the two kinds can change
+places forever; the operator has the eigenvalue -1. Data (lam > 0), a pinned vertex or an odd cycle end that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from .graph import FloatArray, Graph, GridGraph, IntArray
+
+AnyGraph = Graph | GridGraph
+Ends = tuple[IntArray, IntArray]
+
+
+def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: float | FloatArray) -> bool:
+    """Whether some connected part with an edge is bipartite and has lam = 0 everywhere.
+
+    Parameters
+    ----------
+    graph : Graph or GridGraph
+    weights : array or None
+        As ``Backend.prepare`` takes them, or gamma as ``Backend.put_edges`` does: an edge of weight 0 is none.
+    lam : float or (n,) array
+    """
+    n = graph.n_vertices
+    data = np.broadcast_to(np.asarray(lam) > 0, (n,))
+    if data.all():
+        return False
+    # The double cover: two copies of every vertex, an edge joins either copy of one end to the other copy of the
+    # other. A part is bipartite where the two copies stay apart. Data joins the copies of its vertex.
+    labels: IntArray = np.arange(2 * n)
+    own = np.flatnonzero(data)
+    labels = _joined(labels, own, own + n)
+    touched = np.zeros(n, bool)
+    for u, v in _edges(graph, weights):
+        touched[u] = touched[v] = True
+        labels = _joined(labels, np.concatenate([u, u + n]), np.concatenate([v + n, v]))
+        apart = labels[:n] != labels[n:]
+        if isinstance(graph, GridGraph) and graph.mask is not None:
+            apart &= graph.mask.ravel()
+        if not apart.any():
+            return False
+    return bool((touched & (labels[:n] != labels[n:])).any())
+
+
+def _joined(labels: IntArray, a: IntArray, b: IntArray) -> IntArray:
+    """Labels of connected parts after joining the parts of nodes `a` with those of nodes `b`."""
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(a):
+        return labels
+    m = int(labels.max()) + 1
+    links = sparse.coo_array((np.ones(len(a), np.int8), (labels[a], labels[b])), shape=(m, m))
+    part: npt.NDArray[np.int32] = connected_components(links, directed=False)[1]
+    joined: IntArray = part[labels]
+    return joined
+
+
+def _edges(graph: AnyGraph, weights: FloatArray | None) -> Iterator[Ends]:
+    """The edges that are there, once each or more often: all of a stored graph, those of one offset of a grid."""
+    if isinstance(graph, Graph):
+        there = slice(None) if weights is None else np.flatnonzero(weights.reshape(-1) > 0)
+        yield graph.edge_rows()[there], graph.indices[there].astype(np.int64)
+        return
+    vertices = np.arange(graph.n_vertices).reshape(graph.shape)
+    H = graph.half_window
+    directed = weights is not None and len(weights) == 2 * H and weights.ndim == graph.ndim + 2
+    for h, step in enumerate(graph.forward_offsets):
+        start, end = graph.ends(step)
+        u, v = vertices[start].ravel(), vertices[end].ravel()
+        if weights is None:
+            yield u, v
+        elif directed:
+            kept = (weights[H + h][start].ravel() > 0) | (weights[H - 1 - h][end].ravel() > 0)
+            yield u[kept], v[kept]
+        else:
+            kept = weights[h][start].ravel() > 0
+            yield u[kept], v[kept]

@@ -1,0 +1,172 @@
+"""The explicit Euler process of the paper, eq. 24, with a step that is known to be stable."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..backends import Array
+from ..graph import FloatArray
+from ..problem import DeviceProblem
+from .loop import Solver, check_settings
+
+
+@dataclass(frozen=True)
+class _State:
+    f: Array  # the last whole iterate
+    previous: Array  # the one before it, to be overwritten by the next
+    g: Array | None  # scratch for the conductances
+    tau: float | Array  # the step, per vertex where gamma has a factor of the vertex's own
+    step: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class Euler(Solver):
+    """Explicit Euler steps: f + tau (lam (f0 - f) - p-Laplacian of f) (eq. 24).
+
+    Parameters
+    ----------
+    step : float, optional
+        tau > 0. None takes half of the bound below.
+    check_every : int, default 10
+        Steps between two looks at energy and change, which read back from the device.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A step that is not > 0, a check_every that is no integer >= 1. At use, for p = 2: a step beyond 2/mu, mu the
+        largest eigenvalue of lam + Laplacian, with which the process diverges.
+
+    Warns
+    -----
+    RuntimeWarning
+        For p other than 2: a step beyond the bound, with which the energy may rise.
+
+    Notes
+    -----
+    With A the matrix of the frozen conductances, a step of at most 2/mu_max(A) does not raise the energy for p <= 2.
+    x'Ax <= sum_u (lam(u) + 2 alpha(u)) x(u)^2, alpha(u) the sum of the alpha of eq. 25, and a conductance is at most
+    c = eps^(p - 2), 1 at p = 2; hence the bound 2/max_u(lam(u) + 4 c sum_v gamma(u, v)^2), with 2 c for the edge norm.
+    For p > 2 the conductances are bounded through the range of the data, which half the bound keeps. A small eps makes
+    the bound small for p < 2: Gauss-Jacobi, whose step is a vertex's own, is faster there.
+
+    Examples
+    --------
+    >>> Euler(step=0.1)
+    Euler(step=0.1, check_every=10)
+    """
+
+    step: float | None = None
+    check_every: int = 10
+
+    def __post_init__(self) -> None:
+        check_settings({"step": self.step, "check_every": self.check_every})
+        if self.step is not None and not (math.isfinite(self.step) and self.step > 0):
+            raise ValueError(f"step must be finite and > 0, got {self.step}")
+
+    def start(self, problem: DeviceProblem, initial: Array) -> _State:
+        """State before the first step, once the step is known to be stable."""
+        backend, graph = problem.backend, problem.weighted.graph
+        degree, lam = _variable(problem)
+        bound = stable_step(problem, initial, degree, lam)
+        step = self.step if self.step is not None else (bound / 2 if math.isfinite(bound) else 1.0)
+        if step > bound * (1 + 1e-9):
+            if problem.p == 2:
+                _expect_stable(problem, step, bound, lam)
+            else:
+                warnings.warn(
+                    f"step = {step:g} is beyond the bound {bound:.6g} for p = {problem.p:g} and eps = {problem.eps:g}: "
+                    "the energy may rise, or the process diverge. Use a smaller step, a larger eps, or solver='jacobi'",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+        # g = s f takes steps s^2 as long: eq. 24 is about f.
+        tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
+        return _State(initial, backend.empty(graph, problem.channels), problem.scratch(), tau, step, bound)
+
+    def advance(self, problem: DeviceProblem, state: _State) -> _State:
+        """One step, into the buffer of the iterate before the last."""
+        g = problem.conductances(state.f, state.g)
+        problem.backend.euler_step(problem.weighted, state.f, problem.f0, g, problem.lam, state.tau, out=state.previous)
+        return replace(state, f=state.previous, previous=state.f)
+
+    def describe(self, state: _State) -> str:
+        """The process, its step, and the bound."""
+        return f"Explicit Euler (eq. 24), step {state.step:.6g}, where {state.bound:.6g} is known to be stable"
+
+
+def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
+    """Sum of gamma(u, v)^2 around each vertex, and lam, both (n,)."""
+    n = problem.weighted.graph.n_vertices
+    degree = problem.backend.get(problem.weighted.graph, problem.backend.degree(problem.weighted))[:, 0]
+    degree = degree.astype(np.float64)
+    if problem.scale is not None:
+        degree = degree * problem.scale[:, 0] ** 2
+    return degree, np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (n,))
+
+
+def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam: FloatArray) -> float:
+    """The largest step that is known not to raise the energy; infinity where nothing moves."""
+    p, eps, free = problem.p, problem.eps, np.isfinite(lam)
+    # a conductance of the vertex norm is the sum of two
+    ends = 1 if problem.edge_norm else 2
+    if p <= 2:
+        conductance = 1.0 if p == 2 else eps ** (p - 2)
+        return _reciprocal(2, lam[free] + 2 * ends * conductance * degree[free])
+    if problem.weighted.directed:
+        # No maximum principle, but the energy does not rise: (d^2 + eps^2)^(p/2) <= p E at every vertex and edge.
+        conductance = (p * problem.energy(initial)) ** ((p - 2) / p)
+    else:
+        # The values stay in their range, in the variable s f of the device.
+        graph = problem.weighted.graph
+        both = np.stack([problem.backend.get(graph, x).astype(np.float64) for x in (initial, problem.f0)])
+        widths = np.ptp(both, axis=(0, 1)) ** 2
+        largest = float(problem.backend.get(graph, problem.backend.degree(problem.weighted)).max(initial=0))
+        square = largest * float(widths.sum() if problem.coupled else widths.max())
+        conductance = (square + eps**2) ** ((p - 2) / 2)
+    alpha = ends * conductance * degree[free]
+    # the second keeps the range
+    return min(_reciprocal(2, lam[free] + 2 * (p - 1) * alpha), _reciprocal(1, lam[free] + alpha))
+
+
+def _reciprocal(numerator: float, values: FloatArray) -> float:
+    largest = float(values.max(initial=0))
+    return numerator / largest if largest > 0 else math.inf
+
+
+def _expect_stable(problem: DeviceProblem, step: float, bound: float, lam: FloatArray) -> None:
+    """ValueError if a step is beyond 2/mu, mu the largest eigenvalue of lam + Laplacian on the vertices that move."""
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+    backend, weighted = problem.backend, problem.weighted
+    graph, n = weighted.graph, weighted.graph.n_vertices
+    free = np.isfinite(lam)
+    scale = np.ones(n) if problem.scale is None else problem.scale[:, 0]
+    g = problem.backend.conductances(weighted, None, p=2, eps=0, coupled=True, edge_norm=problem.edge_norm)
+
+    def apply(x: FloatArray) -> FloatArray:
+        inside = np.where(free, x.ravel(), 0)
+        flow = backend.get(graph, backend.p_laplacian(weighted, backend.put(graph, (scale * inside)[:, None]), g))
+        return np.where(free, scale * flow[:, 0] + np.where(free, lam, 0) * inside, 0)
+
+    if n < 3:  # Lanczos needs room
+        largest = float(np.linalg.eigvalsh(np.stack([apply(e) for e in np.eye(n)])).max())
+    else:
+        operator = LinearOperator((n, n), matvec=apply, dtype=np.float64)
+        try:
+            # A Ritz value is never above the eigenvalue: what it calls unstable is.
+            start = np.random.default_rng(1).standard_normal(n)
+            found = eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
+        except ArpackNoConvergence:
+            found = np.array([2 / bound])
+        largest = float(found[0])
+    if step * largest > 2 * (1 + 1e-5):
+        raise ValueError(
+            f"step = {step:g} is unstable: beyond 2/mu = {2 / largest:.6g} the explicit Euler process diverges, mu = "
+            f"{largest:.6g} being the largest eigenvalue of lam + Laplacian. Use a smaller step, or None for "
+            f"{bound / 2:.6g}"
+        )

@@ -1,0 +1,46 @@
+"""adjoint(u) = sum_v gamma(u, v) (H(v, u) - H(u, v))                                     (eq. 7, Proposition 1)
+
+The divergence is its opposite.
+
+One work item: one vertex.
+Traffic per vertex of D neighbours: reads D weights and 2 D M values of edges, of which a grid finds half in the cache,
+on CSR also D places of opposite edges; writes M numbers.
+"""
+
+import functools
+
+import warp as wp
+
+from . import gamma, reals
+
+
+@functools.cache
+def make(access, M):
+    """The kernel for one kind of graph and M channels."""
+    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
+    begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
+    edge_at, opposite_at, function = access.edge_at, access.opposite_at, reals.vector(real, M)
+    own = gamma.make(real, access.directed, M, 1).own
+
+    @wp.func
+    def around(graph: Graph, H: wp.array3d(dtype=function), u: Place) -> function:
+        total = function()
+        for i in range(begin(graph, u), end(graph, u)):
+            v = neighbour(graph, u, i)
+            if exists(graph, v):
+                here, there = edge_at(u, i), opposite_at(graph, v, i)
+                outward = H[there[0], there[1], there[2]] - H[here[0], here[1], here[2]]
+                total += own(edge(graph, u, i, v)) * outward
+        return total
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def adjoint(
+        graph: Graph,
+        H: wp.array3d(dtype=function),  # M channels per directed edge
+        # output
+        out: wp.array2d(dtype=function),  # M channels
+    ):
+        row, x = wp.tid()
+        out[row, x] = around(graph, H, place(graph, row, x))
+
+    return adjoint
