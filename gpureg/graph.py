@@ -22,7 +22,10 @@ METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
 Symmetrize = Literal["max", "mean", "mutual"]
 SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mean", "mutual")
 # The end of every refusal of a directed graph or a repeated edge.
-SYMMETRIZE_MENDS = 'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph mends that'
+SYMMETRIZE_MENDS = (
+    'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph '
+    "mends that"
+)
 
 FloatArray = npt.NDArray[np.floating[Any]]
 IntArray = npt.NDArray[np.integer[Any]]

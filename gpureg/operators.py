@@ -17,6 +17,7 @@ import numpy.typing as npt
 from . import backends
 from .graph import FloatArray, Graph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
+from .spectral import markov_matrix
 from .weights import Weights
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "energy",
     "gradient_norm",
     "laplacian",
+    "markov_matrix",
     "p_laplacian",
 ]
 
