@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from . import operators, weights
+from . import operators, spectral, weights
 from .backends import BackendUnavailable
 from .graph import Graph, GridGraph
+from .graph_io import from_networkx, read_graph, to_networkx, write_graph
 from .image import denoise_image, run_plan
+from .inpaint import inpaint_image
+from .labels import propagate_labels
 from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .result import Interrupted, Result, Stop
-from .solvers import Check, Jacobi
+from .solvers import Check, Euler, Jacobi
 
 __version__ = "0.1.0"
 
@@ -18,6 +21,7 @@ __all__ = [
     "BackendUnavailable",
     "Check",
     "DenoisePlan",
+    "Euler",
     "Graph",
     "GridGraph",
     "Interrupted",
@@ -27,9 +31,16 @@ __all__ = [
     "__version__",
     "denoise_image",
     "estimate_noise",
+    "from_networkx",
+    "inpaint_image",
     "operators",
     "plan_denoising",
+    "propagate_labels",
+    "read_graph",
     "regularize",
     "run_plan",
+    "spectral",
+    "to_networkx",
     "weights",
+    "write_graph",
 ]

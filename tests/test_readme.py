@@ -10,10 +10,11 @@ import pytest
 from cases import irregular, rng
 
 README = Path(__file__).parent.parent / "README.md"
+MATHEMATICS = README.parent / "docs" / "mathematics.md"
 pytestmark = pytest.mark.skipif(not README.exists(), reason="the README is not beside the tests")
 
 
-def test_python_examples_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("GPUREG_BACKEND", "numpy")
     graph = irregular(40, 150, isolated=7)
     W = graph.to_scipy().tocoo()
@@ -28,7 +29,7 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch) -> None:
         "f0": rng(5).random(40),
     }
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.S)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     exec(blocks[0].replace("gr.denoise_image(image)  ", "gr.denoise_image(image[..., 0])  "), scene)
     assert scene["clean"].shape == (24, 25)
     assert scene["flat"].shape == (24, 25, 3)
@@ -37,6 +38,37 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch) -> None:
     scene["image"] = scene["image"][..., 0]
     exec(blocks[2], scene)
     assert scene["result"].iterations == 4
+    monkeypatch.chdir(tmp_path)
+    scene["torn"] = rng(7).random((24, 25)) < 0.2
+    scene["labels"] = np.where(np.arange(40) % 8 == 0, np.arange(40) // 20, -1)
+    exec(blocks[3], scene)
+    assert np.array_equal(scene["whole"][~scene["torn"]], scene["image"][~scene["torn"]])
+    assert set(scene["classes"].tolist()) <= {-1, 0, 1}
+    assert scene["smooth"].shape == (40,)
+    assert (tmp_path / "streets.mtx.gz").exists()
+
+
+def test_examples_of_the_mathematics_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GPUREG_BACKEND", "numpy")
+    blocks = re.findall(r"```python\n(.*?)```", MATHEMATICS.read_text("utf-8"), re.S)
+    assert blocks
+    for block in blocks:
+        exec(block, {})
+
+
+def test_the_mathematics_names_tests_and_operators_that_exist() -> None:
+    text = MATHEMATICS.read_text("utf-8")
+    sources = "".join(path.read_text("utf-8") for path in Path(__file__).parent.glob("test_*.py"))
+    for name in set(re.findall(r"`(test_\w+)`", text)):
+        assert f"def {name}(" in sources, name
+    for name in set(re.findall(r"`tests/(\w+\.py)`", text)):
+        assert (Path(__file__).parent / name).exists(), name
+    import gpureg
+
+    for name in gpureg.operators.__all__:
+        assert f"`{name}`" in text or f"`{name}(" in text, name
+    for number in range(1, 25):
+        assert f"| E{number} |" in text
 
 
 def test_backend_table_names_every_backend() -> None:

@@ -1,0 +1,166 @@
+"""Where the doors that fill in unknown values start from: the solution of p = 2, exact.
+
+A sweep carries information over one neighbourhood, so that a hole of k pixels across takes of the order of k^2 sweeps
+to fill. For p = 2 conjugate gradients on the unknown vertices take of the order of k steps, and their solution is a
+start from which the sweeps of another p have little left to do.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import backends
+from .graph import FloatArray, Graph, GridGraph, IntArray
+from .problem import AnyGraph, DeviceProblem, Problem
+from .weights import Weights
+
+# Residual of conjugate gradients relative to the right-hand side: a start for iterations in float32.
+RESIDUAL = 1e-7
+
+
+def harmonic(
+    f0: FloatArray,
+    graph: AnyGraph,
+    known: npt.NDArray[np.bool_],
+    *,
+    weights: Weights | npt.ArrayLike | None = None,
+    gamma: str | npt.ArrayLike = "sqrt",
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """The minimiser of the model for p = 2 with the known vertices pinned and no data at the others.
+
+    Parameters
+    ----------
+    f0 : (n, m) float array
+        The values of the known vertices, and a guess at the others. A weight function is computed from it.
+    graph : Graph or GridGraph
+    known : (n,) bool array
+    weights, gamma, backend, dtype
+        As :func:`gpureg.regularize`; `backend` and `dtype` matter to the weights alone.
+
+    Returns
+    -------
+    f : (n, m) float64 array
+        `f0`, with unknown vertices replaced where a known one is connected to them.
+    reached : (n,) bool array
+        Known vertices, and those connected to one by edges of weight > 0.
+
+    Notes
+    -----
+    The energy is a sum over undirected edges of (gamma_uv f(u) - gamma_vu f(v))^2 (eq. 4, 20), so that A f = b on the
+    unknown vertices with A_uu = sum_v gamma_uv^2, A_uv = -gamma_uv gamma_vu and b_u = sum_v gamma_uv gamma_vu f0(v)
+    over known v.
+
+    Examples
+    --------
+    >>> path = GridGraph(5)
+    >>> f, reached = harmonic(np.array([[0.0], [9], [9], [9], [1]]), path, np.array([1, 0, 0, 0, 1], bool))
+    >>> f[:, 0].round(3)
+    array([0.  , 0.25, 0.5 , 0.75, 1.  ])
+    """
+    from scipy import sparse
+    from scipy.sparse import csgraph, linalg
+
+    f = f0.astype(np.float64)
+    reached = known.copy()
+    unknown = np.flatnonzero(~known)
+    if not len(unknown):
+        return f, reached
+    u, v, there, back = _edges(f0, graph, known, weights, gamma, backend, dtype)
+    k = len(unknown)
+    place = np.full(graph.n_vertices, -1)
+    place[unknown] = np.arange(k)
+    # both directions of every edge that starts at an unknown vertex
+    start, end = np.concatenate([u, v]), np.concatenate([v, u])
+    here, other = np.concatenate([there, back]), np.concatenate([back, there])
+    kept = place[start] >= 0
+    start, end, here, product = place[start[kept]], end[kept], here[kept], (here * other)[kept]
+    inner = (place[end] >= 0) & (product > 0)
+    pattern = sparse.coo_array((product[inner], (start[inner], place[end[inner]])), shape=(k, k)).tocsr()
+    pinned = (place[end] < 0) & (product > 0)
+    _, part = csgraph.connected_components(pattern, directed=False)
+    told = np.zeros(part.max() + 1, bool)
+    told[part[start[pinned]]] = True
+    solvable = np.flatnonzero(told[part])
+    reached[unknown[solvable]] = True
+    if not len(solvable):
+        return f, reached
+    diagonal = np.bincount(start, here**2, minlength=k)
+    A = (sparse.diags_array(diagonal) - pattern).tocsr()[solvable][:, solvable]
+    # Scaled by its diagonal on both sides, which is the Jacobi preconditioner and costs nothing in a step.
+    root = 1 / np.sqrt(diagonal[solvable])
+    A = (sparse.diags_array(root) @ A @ sparse.diags_array(root)).tocsr()
+    for channel in range(f.shape[1]):
+        b = np.bincount(start[pinned], product[pinned] * f[end[pinned], channel], minlength=k)[solvable]
+        guess = f[unknown[solvable], channel] / root
+        # A start need not be perfect: what a badly conditioned graph leaves is the sweeps' affair.
+        solution, _ = linalg.cg(A, root * b, x0=guess, rtol=RESIDUAL, maxiter=20 * int(len(solvable) ** 0.5) + 1000)
+        f[unknown[solvable], channel] = root * solution
+    return f, reached
+
+
+def _edges(
+    f0: FloatArray,
+    graph: AnyGraph,
+    known: npt.NDArray[np.bool_],
+    weights: Weights | npt.ArrayLike | None,
+    gamma: str | npt.ArrayLike,
+    backend: str,
+    dtype: npt.DTypeLike | None,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Undirected edges (u, v) that touch an unknown vertex, gamma(u, v) and gamma(v, u)."""
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
+    problem = Problem.make(
+        f0, graph, p=2.0, lam=0.0, weights=weights, gamma=gamma, norm="vertex", coupled=True, eps=0.0, dtype=kind
+    )
+    given: FloatArray | None
+    scale: FloatArray | None = None
+    if isinstance(problem.gamma, str):
+        on = DeviceProblem.put(problem, backends.get(backend, kind))
+        given, scale, symmetric = on.backend.get_weights(on.weighted), on.scale, True
+    else:
+        given, symmetric = problem.gamma[..., 0], False
+    if isinstance(graph, Graph):
+        rows = graph.edge_rows()
+        forward = (rows < graph.indices) & ~(known[rows] & known[graph.indices])
+        u: IntArray = rows[forward]
+        v: IntArray = graph.indices[forward].astype(np.int64)
+        if symmetric:
+            there = back = np.ones(len(u)) if given is None else np.sqrt(given[forward].astype(np.float64))
+        else:
+            assert given is not None
+            numbers = rows * graph.n_vertices + graph.indices  # sorted, as the rows are
+            opposite = np.searchsorted(numbers, v * graph.n_vertices + u)
+            there, back = given[forward].astype(np.float64), given[opposite].astype(np.float64)
+    else:
+        u, v, there, back = _grid_edges(graph, known, given, symmetric)
+    if scale is not None:
+        there, back = there * scale[u, 0], back * scale[v, 0]
+    return u, v, there, back
+
+
+def _grid_edges(
+    grid: GridGraph, known: npt.NDArray[np.bool_], given: FloatArray | None, symmetric: bool
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """As :func:`_edges`; `given` is one weight per pair or, if not `symmetric`, gamma in one plane per offset."""
+    vertices = np.arange(grid.n_vertices).reshape(grid.shape)
+    open_cells = ~known.reshape(grid.shape)
+    H, found = grid.half_window, []
+    for plane, step in enumerate(grid.forward_offsets):
+        start, end = grid.ends(step)
+        wanted = open_cells[start] | open_cells[end]
+        if symmetric:
+            there = back = np.ones(int(wanted.sum())) if given is None else np.sqrt(given[plane][start][wanted])
+        else:
+            assert given is not None
+            there, back = given[H + plane][start][wanted], given[H - 1 - plane][end][wanted]
+        found.append((vertices[start][wanted], vertices[end][wanted], there, back))
+    if not found:
+        none = np.empty(0)
+        return none.astype(np.int64), none.astype(np.int64), none, none
+    u, v, there, back = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    return u, v, there.astype(np.float64), back.astype(np.float64)

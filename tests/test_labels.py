@@ -1,0 +1,122 @@
+"""The door for labels: propagate_labels."""
+
+from __future__ import annotations
+
+import cases
+import numpy as np
+import pytest
+from scipy.sparse import csgraph
+
+import gpureg as gr
+
+ORACLE = {"backend": "numpy", "dtype": np.float64}
+
+
+def test_p2_is_the_harmonic_solution(device: str) -> None:
+    """Zhu, Ghahramani and Lafferty: L f = 0 at the unknown vertices, directly solved; every score row sums to 1."""
+    graph = cases.irregular(60, 240, isolated=5)
+    W = graph.to_scipy().toarray().astype(float)
+    part = csgraph.connected_components(W > 0, directed=False)[1]
+    main = np.flatnonzero(part == np.bincount(part).argmax())
+    labels = np.full(60, -1)
+    labels[main[:6]] = [3, 3, 8, 8, 8, 5]
+    known = labels >= 0
+    free = np.array([u for u in main if not known[u]])
+    L = np.diag(W.sum(axis=1)) - W
+    indicator = (labels[known][:, None] == np.array([3, 5, 8])).astype(float)
+    exact = np.linalg.solve(L[np.ix_(free, free)], W[np.ix_(free, np.flatnonzero(known))] @ indicator)
+    found, scores = gr.propagate_labels(graph, labels, p=2, return_scores=True, backend=device)
+    # float32 weights and sweeps; the start is exact to 1e-7 of the right-hand side, and the sweeps keep it
+    assert np.abs(scores[free] - exact).max() < 1e-4
+    assert np.abs(scores[main].sum(axis=1) - 1).max() < 1e-5
+    sure = np.sort(exact, axis=1)[:, -1] - np.sort(exact, axis=1)[:, -2] > 1e-3
+    assert np.array_equal(found[free][sure], np.array([3, 5, 8])[exact.argmax(axis=1)][sure])
+    assert np.array_equal(found[known], labels[known])
+    others = np.setdiff1d(np.arange(60), main)
+    assert (found[others] == -1).all()  # nothing is known there
+    assert not scores[others].any()
+
+
+@pytest.mark.parametrize("norm", ["vertex", "edge"])
+@pytest.mark.parametrize("gamma", ["sqrt", "normalized"])
+def test_larger_p(norm: str, gamma: str) -> None:
+    """The scores are those of regularize with lam infinite at the known vertices, wherever it starts."""
+    graph = cases.irregular(40, 200, isolated=5)
+    labels = np.full(40, -1)
+    labels[[0, 1, 2, 3]] = [0, 1, 0, 1]
+    given = {"p": 3, "norm": norm, "gamma": gamma, "eps": 1e-3, **ORACLE}
+    _, scores = gr.propagate_labels(graph, labels, return_scores=True, max_iter=20_000, tol=1e-10, **given)
+    f0 = np.stack([labels == 0, labels == 1], axis=1).astype(float)
+    lam = np.where(labels >= 0, np.inf, 0)
+    plain = gr.regularize(f0, graph, lam=lam, max_iter=20_000, tol=1e-10, **given).value
+    reached = scores.sum(axis=1) > 0
+    assert np.abs(scores - plain)[reached].max() < 1e-3  # p = 3 and small gradients: the sweeps are slow at the end
+
+
+def test_grid_and_types() -> None:
+    grid = gr.GridGraph((7, 9))
+    labels = np.full((7, 9), -1, np.int16)
+    labels[3, 1], labels[3, 7] = 4, 2
+    found, scores = gr.propagate_labels(grid, labels, return_scores=True, backend="numpy")
+    assert found.dtype == np.int16
+    assert scores.shape == (7, 9, 2)
+    assert (found[:, :4] == 4).all()
+    assert (found[:, 5:] == 2).all()
+    flat = gr.propagate_labels(grid, labels.ravel(), backend="numpy")
+    assert np.array_equal(flat.reshape(7, 9), found)
+
+
+def test_balance() -> None:
+    """Class mass normalization: a class with one label in a corner is given its share."""
+    graph = gr.Graph.from_edges([[k, k + 1] for k in range(9)])
+    labels = np.full(10, -1)
+    labels[0], labels[5], labels[6] = 1, 0, 0
+    _, plain = gr.propagate_labels(graph, labels, p=2, return_scores=True, **ORACLE)
+    _, scaled = gr.propagate_labels(graph, labels, p=2, balance=True, return_scores=True, **ORACLE)
+    unknown = labels < 0
+    assert plain[unknown, 1].mean() < 1 / 3
+    assert abs(scaled[unknown, 1].mean() - 1 / 3) < abs(plain[unknown, 1].mean() - 1 / 3)
+    assert np.abs(scaled.sum(axis=1) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("labels", "error", "says"),
+    [
+        ([0.5, -1, -1], TypeError, "labels must be integers, -1 where unknown, got float64"),
+        ([0, -1], ValueError, r"labels must have shape \(3,\), got \(2,\)"),
+        ([0, -2, -1], ValueError, "or -1 where unknown, got -2"),
+        ([-1, -1, -1], ValueError, "known .* at one vertex at least"),
+    ],
+)
+def test_wrong_labels(labels: list, error: type, says: str) -> None:
+    with pytest.raises(error, match=says):
+        gr.propagate_labels(gr.Graph.from_edges([[0, 1], [1, 2]]), labels)
+    with pytest.raises(TypeError, match="graph must be"):
+        gr.propagate_labels("graph", labels)
+
+
+def accuracy(graph: gr.Graph, truth: np.ndarray, count: int, ps: tuple[float, ...], seeds: int) -> dict[float, float]:
+    """Mean share of right labels by p, over the unknown vertices of parts with a label."""
+    part = csgraph.connected_components(graph.to_scipy(), directed=False)[1]
+    found: dict[float, list[float]] = {p: [] for p in ps}
+    for seed in range(seeds):
+        labels, generator = np.full(len(truth), -1), cases.rng(seed)
+        for c in np.unique(truth):
+            labels[generator.choice(np.flatnonzero(truth == c), count, replace=False)] = c
+        counted = np.isin(part, part[labels >= 0]) & (labels < 0)
+        for p in ps:
+            guess = gr.propagate_labels(graph, labels, p=p, max_iter=300, tol=1e-5)
+            found[p].append(float((guess == truth)[counted].mean()))
+    return {p: float(np.mean(values)) for p, values in found.items()}
+
+
+@pytest.mark.parametrize(("count", "p", "margin"), [(5, 4.0, 0.08), (20, 2.5, 0.004)])
+def test_cora(data_folder, count: int, p: float, margin: float) -> None:
+    """p > 2 beats p = 2 from 5 and 20 labels a class.
+
+    Measured over 4 seeds: 47.9 and 63.6 percent (5 labels, p = 4), 72.3 and 73.6 percent (20 labels, p = 2.5).
+    """
+    path = data_folder / "graphs" / "cora.npz"
+    graph, truth = gr.read_graph(path, symmetrize="max"), np.load(path, allow_pickle=True)["labels"]
+    found = accuracy(graph, truth, count, (2.0, p), 4)
+    assert found[p] > found[2.0] + margin
