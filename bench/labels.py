@@ -162,9 +162,7 @@ def main() -> int:
             continue
         for a_class in options.labels:
             for norm in options.norm:
-                found, seconds = measure(
-                    W, classes, a_class, ps, seeds, norm, backend=options.backend, tol=options.tol
-                )
+                found, seconds = measure(W, classes, a_class, ps, seeds, norm, backend=options.backend, tol=options.tol)
                 for rule, which in enumerate(("largest", "balanced")):
                     mean = found[:, :, rule].mean(axis=0)
                     best = 1 + int(mean[1:].argmax())
