@@ -163,6 +163,9 @@ def test_table_1() -> None:
     for gamma, matrix in (("combinatorial", L), ("normalized", root[:, None] * L * root), ("sqrt", 2 * L)):
         assert_allclose(ops.laplacian(f, graph, gamma=gamma, **ORACLE), matrix @ f, atol=1e-13)
     assert ops.dirichlet_energy(f, graph, 2, **ORACLE) == pytest.approx((f * (L @ f)).sum(), rel=1e-13)
+    # E11: (20) at p = 2 is half of J_NL of eq. 29
+    double = (W.toarray() * (f - f.T) ** 2).sum()
+    assert ops.dirichlet_energy(f, graph, 2, **ORACLE) == pytest.approx(double / 2, rel=1e-13)
     half = ops.dirichlet_energy(f, graph, 2, gamma="combinatorial", **ORACLE)
     assert half == pytest.approx((f * (L @ f)).sum() / 2, rel=1e-13)
 
@@ -189,7 +192,7 @@ def test_scale_of_gamma(p: float) -> None:
         assert_allclose(plain, ops.p_laplacian(f, graph, p, eps=eps, norm=norm, **ORACLE), rtol=1e-10, atol=1e-12)
 
 
-# Section 2 of the notes: closed forms, reached by the solvers
+# Closed forms (docs/mathematics.md, section 4), reached by the solvers
 
 
 def solve(f0: np.ndarray, graph: gr.Graph | gr.GridGraph, **given: object) -> np.ndarray:
@@ -256,7 +259,7 @@ def ngon(n: int) -> tuple[np.ndarray, gr.Graph, float]:
 
 
 def solid(name: str) -> tuple[np.ndarray, gr.Graph, float]:
-    """A regular polyhedron of circumradius 1: neighbours are the nearest vertices; mu from the notes, 2.4."""
+    """A regular polyhedron of circumradius 1: neighbours are the nearest vertices; L f = mu f for the coordinates."""
     phi = (1 + math.sqrt(5)) / 2
     signs = np.array(list(itertools.product([-1, 1], repeat=3)), float)
     cyclic = [np.roll([0, a, b * phi], k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
@@ -298,7 +301,7 @@ def test_regular_shapes_shrink(shape: str, p: float) -> None:
         assert rho == pytest.approx(rho0 - math.sqrt(2 * mu) / lam, abs=1e-9)
 
 
-def test_numbers_of_the_notes() -> None:
+def test_numbers_from_convex_programming() -> None:
     """12-gon of radius 3, lam 1.7, icosahedron of radius 3, lam 6, p = 1: known from convex programming."""
     for (unit, graph, _), lam, radius in ((ngon(12), 1.7, 2.5693819), (solid("icosahedron"), 6.0, 2.6081432)):
         f = solve(3 * unit, graph, p=1, lam=lam, eps=1e-6)
@@ -382,8 +385,24 @@ def test_limits_of_lam() -> None:
     assert_allclose(solve(np.array([8.0, 1, 2, 3]), star, p=2, lam=0), weighted_mean, atol=1e-9)
 
 
+def test_below_1_the_start_decides() -> None:
+    """E14: for p < 1 a minimum exists, but there may be several: the sweeps end near where they began."""
+    graph, f0 = gr.Graph.from_edges([[0, 1]]), np.array([0.0, 3.0])
+    given = {"p": 0.3, "lam": 4.0, "eps": 1e-3}
+    apart = solve(f0, graph, **given)
+    together = solve(f0, graph, initial=np.array([1.5, 1.5]), **given)
+    assert apart[1] - apart[0] > 1
+    assert together[1] - together[0] < 0.1
+    for f in (apart, together):
+        slope = ops.p_laplacian(f, graph, 0.3, eps=1e-3, **ORACLE) + 4.0 * (f - f0)
+        assert np.abs(slope).max() < 1e-6  # both are stationary
+    same = gr.regularize(f0, graph, p=1, lam=4.0, eps=1e-3, max_iter=20_000, tol=1e-13, **ORACLE).value
+    other = solve(f0, graph, initial=np.array([1.5, 1.5]), p=1, lam=4.0, eps=1e-3)
+    assert_allclose(same, other, atol=1e-9)  # from p = 1 on there is one
+
+
 def test_infinity_laplacian_is_the_limit() -> None:
-    """6x6 grid, corners 0 and 1 on one side: eq. 30 nears the known values of p = infinity (notes, 2.9)."""
+    """6x6 grid, corners 0 and 1 on one side: eq. 30 nears the values printed for p = infinity by YINSlex."""
     rows = np.array([
         [0, .1429, .2449, .3178, .3698, .4070],
         [.2, .2857, .3469, .3907, .4219, .4442],
@@ -403,7 +422,7 @@ def test_infinity_laplacian_is_the_limit() -> None:
 
 
 def test_a_posteriori_certificate() -> None:
-    """The dual point y = |grad f|^(p-2) d f bounds the distance to the minimiser: sqrt(2 gap/lam) (notes, 2.11)."""
+    """The dual point y = |grad f|^(p-2) d f bounds the distance to the minimiser: sqrt(2 gap/lam)."""
     graph = cases.irregular(40, 200, isolated=5)
     f0, p, lam = cases.function(graph), 1.5, 0.8
     exact = solve(f0, graph, p=p, lam=lam, eps=1e-9, max_iter=50_000)
@@ -540,7 +559,7 @@ def test_edge_norm_is_vertex_norm_of_twice_lam_at_p_2(data: st.DataObject) -> No
 
 @pytest.mark.parametrize("p", (1.0, 2.0))
 def test_no_swinging_by_default(device: str, p: float) -> None:
-    """The checkerboard on G_0 without data changes places for ever, on request only (4.4 of the notes)."""
+    """The checkerboard on G_0 without data changes places for ever, on request only."""
     grid = gr.GridGraph((8, 10), 1, "cityblock")
     board = (np.indices((8, 10)).sum(axis=0) % 2).astype(float)
     given = {"p": p, "lam": 0, "eps": 0.1, "max_iter": 31, "backend": device}
@@ -590,7 +609,7 @@ def test_lazy_only_where_it_would_swing() -> None:
 
 
 def test_all_weights_underflowed(device: str) -> None:
-    """No weight is left: 0/0 is defined as the data (4.4 of the notes)."""
+    """No weight is left: 0/0 is defined as the data."""
     f0 = np.arange(12.0).reshape(3, 4) * 1e3
     weights = gr.weights.bilateral(np.inf, 1.0)
     for solver in ("jacobi", "euler"):
