@@ -11,9 +11,10 @@ The graphs, in the folder GPUREG_DATA/graphs:
 - cora: citations, made undirected, weight 1; cora-words: the same with weights exp(-|x - y|^2) of the words of the two
   papers, x and y their binary vectors divided by their lengths. Seven classes of 180 to 818.
 - minnesota: roads, weight 1. There are no labels: the class is the quadrant, cut at the medians of longitude and
-  latitude, 518 to 803 vertices each. minnesota-distance: the same with 1/distance^2, the distance with longitude times
-  cos 46 degrees and at least the first percentile (some vertices lie on one point). minnesota-halves: 1/distance^2 and
-  two classes, west and east of the median.
+  latitude, 518 to 803 vertices each. minnesota-distance: the same with weights 1/distance, longitude times cos 46
+  degrees and the distance at least its first percentile (some vertices lie on one point). minnesota-halves: these
+  weights and two classes, west and east of the median. (With 1/distance^2 weights differ by 4e5, and 5000 sweeps leave
+  errors of 0.05.)
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def cora(folder: Path) -> tuple[Matrix, Matrix, np.ndarray]:
 
 
 def minnesota(folder: Path) -> tuple[Matrix, Matrix, np.ndarray]:
-    """Roads with weight 1 and 1/distance^2, as matrices, and the quadrants: bit 0 east, bit 1 north."""
+    """Roads with weight 1 and 1/distance, as matrices, and the quadrants: bit 0 east, bit 1 north."""
     A = _undirected(io.mmread(folder / "graphs" / "minnesota_road.mtx"))
     xy = np.genfromtxt(folder / "graphs" / "minnesota_xy.csv", delimiter=",")
     xy = xy[np.isfinite(xy).all(axis=1)]  # without a header, if there is one
@@ -67,7 +68,7 @@ def minnesota(folder: Path) -> tuple[Matrix, Matrix, np.ndarray]:
     distance = np.linalg.norm((xy[rows] - xy[columns]) * [np.cos(np.radians(46)), 1], axis=1)
     distance = np.maximum(distance, np.percentile(distance, 1)) / np.median(distance)
     quadrant = (xy > np.median(xy, axis=0)) @ [1, 2]
-    return A, sparse.csr_array((distance**-2, (rows, columns)), shape=A.shape), quadrant
+    return A, sparse.csr_array((1 / distance, (rows, columns)), shape=A.shape), quadrant
 
 
 def settings(folder: Path) -> dict[str, tuple[Matrix, np.ndarray]]:

@@ -12,6 +12,7 @@ import io
 import math
 import numbers
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
@@ -27,7 +28,16 @@ from .io import PictureError, write_atomically
 FORMATS = (".mtx", ".mtx.gz", ".npz")
 
 # What parsers raise for a file that is cut off, altered, or something else altogether.
-_DAMAGE = (ValueError, KeyError, IndexError, OverflowError, EOFError, gzip.BadGzipFile, zipfile.BadZipFile, zlib.error)
+_DAMAGE: tuple[type[Exception], ...] = (
+    *(ValueError, TypeError, LookupError, OverflowError, EOFError, OSError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+
+# Matrix Market: the banner and comments in front of the numbers, what numbers consist of (nan and infinity as well,
+# which are refused by that name later), and an exponent without digits.
+_HEAD = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*")
+_IN_NUMBERS = b"0123456789+-.eE \t\r\n" + b"nNaAiIfFtTyY"
+_BARE_EXPONENT = re.compile(rb"[eE](?![+-]?[0-9])")
 
 
 def _format(path: str | os.PathLike[str]) -> str:
@@ -103,6 +113,14 @@ def _read_mtx(file: BinaryIO, packed: bool) -> tuple[Any, bool, None]:
     if packed:
         data = gzip.decompress(data)
     field = mminfo(io.BytesIO(data))[4]
+    # mmread takes 1.5D-3 for 1.5, and crashes on a file that ends in 1.5e (scipy 1.17).
+    head = _HEAD.match(data)
+    start = head.end() if head else 0
+    stray = data[start:].translate(None, _IN_NUMBERS)
+    if stray:
+        raise ValueError(f"there are characters of no number in it, {stray[:10]!r} for one")
+    if _BARE_EXPONENT.search(data, start):
+        raise ValueError("there is a number in it whose exponent is cut off")
     return mmread(io.BytesIO(data)), field != "pattern", None
 
 

@@ -127,7 +127,10 @@ def inpaint_image(
     plain = constant and radius is None
     if metric is None:
         metric = "cityblock" if plain else "chebyshev"
-    finest, coarsest = (1.0, 1.0) if spacing is None or plain else (min(spacing), max(spacing))
+    # A wrong spacing is refused here, also where the nearest neighbours do not ask for it.
+    widest = 1.0 if spacing is None or np.ndim(spacing) != 1 else max(spacing, default=1.0)
+    sizes = GridGraph(missing.shape, widest, spacing=spacing).spacing or (1.0,)
+    finest, coarsest = (1.0, 1.0) if plain else (min(sizes), max(sizes))
     if radius is None:
         radius = 1.0 if plain else max((10.0 if missing.ndim == 2 else 2.0) * finest, coarsest)
     # The nearest neighbours, however far apart: constant weights do not look at distances.
@@ -142,7 +145,9 @@ def inpaint_image(
     computed: dict[str, Any] = {"backend": backend, "dtype": kind}
     first = small if plain else GridGraph(hole.shape, 1, "cityblock")
     f0, _ = harmonic(f0, first, known.ravel(), **computed)
-    # Without this start a hole 64 pixels wide takes more than 5000 sweeps at p = 2.
+    # From the nearest pixels, a hole 16, 32, 64 pixels wide of the camera picture takes 160, 840, 2320 sweeps to 0.1 %
+    # of the range at p = 2; this start takes none. Patch weights (radius 2, h = 60, 15 x 15 window, scratches) take
+    # 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in all, from the weighted one.
     start = f0 if plain else harmonic(f0, small, known.ravel(), weights=weights, **computed)[0]
     found = data_range / (float(f0.max()) - float(f0.min()) or 1.0)
     settings: dict[str, Any] = {} if update_weights is None else {"update_weights": update_weights}

@@ -97,7 +97,10 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     One call of :func:`gpureg.regularize` (eq. 19, 30) on the indicator functions of the classes, all classes with one
     gradient norm, with lam infinite at the known vertices and 0 at the others; a vertex takes the label of the largest
     value. On p > 2 for few labels: El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian regularization in
-    semi-supervised learning", 2016, who advise p = d + 1 for data of d dimensions. ``bench/labels.py`` measures.
+    semi-supervised learning", 2016, who advise p = d + 1 for data of d dimensions. Measured by ``bench/labels.py`` on
+    the Cora citations, 20 draws: with 5 labels a class 46.0 percent right at p = 2, 56.8 at 3 and 59.7 at 6; with 20
+    labels 73.6, 73.7 and 72.7. There balance=True does more, and best at p = 2: 70.0 and 75.3; on the Minnesota roads
+    with 20 labels it does harm.
 
     Examples
     --------
@@ -118,7 +121,7 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     indicators[known, index] = 1
     # The start decides how many sweeps are needed. After 300 at p = 3 the largest error was, on Cora with 5 labels a
     # class, 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the Minnesota roads, which are
-    # far wider, 5e-1, 3e-1 and 5e-2. Conjugate gradients find that solution in less time than 20 sweeps take.
+    # far wider, 5e-1, 3e-1 and 5e-2. It is found in 0.02 to 0.04 s, the time of some 20 sweeps.
     start, reached = harmonic(indicators, graph, known, weights=weights, gamma=gamma, backend=backend, dtype=dtype)
     scores = regularize(
         indicators,

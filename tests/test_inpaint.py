@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from skimage import data, metrics, restoration
 
 import gpureg as gr
+from gpureg import harmonic
 
 
 def holes(shape: tuple[int, ...], seed: int = 3) -> np.ndarray:
@@ -80,6 +81,62 @@ def test_weights_and_updates() -> None:
     anew = gr.inpaint_image(step, mask, update_weights=5, max_iter=60, **given)
     errors = [np.abs(x - step).sum() for x in (plain, bilateral, anew)]
     assert errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("p", [2.0, 1.5])
+@pytest.mark.parametrize("weights", [None, gr.weights.bilateral(2.0, 0.3), gr.weights.patch(2, 1.0)])
+def test_no_more_of_the_image_than_matters(p: float, weights: gr.weights.Weights | None) -> None:
+    """The window around a hole gives what the whole image does: a mask of two far corners takes all of it."""
+    image = cases.rng(5).random((60, 70))
+    near, corners = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
+    near[28:33, 30:36] = True
+    corners[0, 0] = corners[-1, -1] = True
+    settings = {"p": p, "weights": weights, "radius": 2, "eps": 1e-2, "max_iter": 3000, "tol": 1e-9}
+    settings |= {"backend": "numpy", "dtype": "float64"}
+    window = gr.inpaint_image(image, near, **settings)
+    whole = gr.inpaint_image(image, near | corners, **settings)
+    # Both stop at a last change of 1e-9, in a hole of 6 x 5 cells; the first fills agree to 1e-7, and weights to that.
+    assert np.abs(window - whole)[near].max() < 1e-6
+    # so that the above can fail: a window without its rim is another problem
+    cut = gr.inpaint_image(image[27:34, 29:37], near[27:34, 29:37], **settings)
+    assert np.abs(cut - window[27:34, 29:37]).max() > 1e-4
+
+
+def test_a_guide_tells_where_colours_end() -> None:
+    step = np.where(np.arange(24) < 12, 0.0, 1.0) * np.ones((20, 1))
+    mask = np.ones(step.shape, bool)
+    mask[10, [2, 21]] = False
+    weights = gr.weights.guided(gr.weights.bilateral(3.0, 0.2), step.ravel())
+    filled = gr.inpaint_image(np.where(mask, np.nan, step), mask, weights=weights, radius=2, backend="numpy")
+    assert np.abs(filled - step).max() < 1e-3  # weights across the step: exp(-25) = 1e-11
+
+
+def test_weights_that_differ_widely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first fill is exact, directly and by conjugate gradients; or it warns.
+
+    On a path the resistances 1/w add up. The error of conjugate gradients is at most the residual, 1e-10, times the
+    condition number, here 60^2 times the ratio of the weights, 1e4.
+    """
+    weights = np.where(np.arange(60) % 3, 1e2, 1e-2)
+    path = gr.Graph.from_edges([[k, k + 1] for k in range(60)], weights)
+    known = np.zeros(61, bool)
+    known[[0, 60]] = True
+    f0 = np.where(np.arange(61) == 60, 1.0, 0.0)[:, None]
+    steps = 1 / weights
+    exact = np.concatenate([[0], np.cumsum(steps) / steps.sum()])
+    assert np.abs(harmonic.harmonic(f0, path, known)[0][:, 0] - exact).max() < 1e-9
+    monkeypatch.setattr(harmonic, "DIRECT", 0)
+    assert np.abs(harmonic.harmonic(f0, path, known)[0][:, 0] - exact).max() < 4e-3
+    monkeypatch.setattr(harmonic, "MAX_STEPS", 5)
+    with pytest.warns(RuntimeWarning, match="did not converge in 5 steps"):
+        harmonic.harmonic(f0, path, known)
+
+
+@pytest.mark.parametrize("spacing", [2, (1,), (0, 1), "a"])
+@pytest.mark.parametrize("radius", [None, 2])
+def test_wrong_spacing(spacing, radius) -> None:
+    with pytest.raises(ValueError, match="spacing must hold 2"):
+        gr.inpaint_image(np.zeros((9, 9)), np.eye(9, dtype=bool), spacing=spacing, radius=radius)
 
 
 def test_photograph_with_scratches() -> None:
