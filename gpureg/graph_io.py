@@ -235,7 +235,9 @@ def _write_mtx(graph: Graph, packed: bool) -> Callable[[BinaryIO], None]:
         field: Literal["pattern", "real"] = "pattern" if graph.weights is None else "real"
         # 17 digits tell any two float64 apart.
         mmwrite(text, graph.to_scipy().astype(np.float64), field=field, precision=17, symmetry="symmetric")
-        file.write(gzip.compress(text.getvalue(), mtime=0) if packed else text.getvalue())
+        # scipy calls a matrix without entries real, whatever it is told.
+        data = text.getvalue().replace(b" real ", f" {field} ".encode(), 1)
+        file.write(gzip.compress(data, mtime=0) if packed else data)
 
     return write
 
