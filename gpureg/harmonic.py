@@ -18,9 +18,9 @@ from .graph import FloatArray, Graph, GridGraph, IntArray
 from .problem import AnyGraph, DeviceProblem, Problem
 from .weights import Weights
 
-# Residual of conjugate gradients relative to the right-hand side. The error is larger by the condition number, about n^2
-# times the ratio of the weights on a path of n vertices. On the 114,599 Luxembourg streets 1e-7 leaves an error of 8e-6
-# after 4498 steps (5 s), 1e-10 one of 1e-8 after 6343; where weights differ by 1e6, 1e-7 says nothing.
+# Residual of conjugate gradients relative to the right-hand side. The error is larger by the condition number, about
+# n^2 times the ratio of the weights on a path of n vertices. On the 114,599 Luxembourg streets 1e-7 leaves an error of
+# 8e-6 after 4498 steps (5 s), 1e-10 one of 1e-8 after 6343; where weights differ by 1e6, 1e-7 says nothing.
 RESIDUAL = 1e-10
 # Unknown vertices up to which the system is solved directly: weights that differ by factors of 1e5 (1/distance^2 on
 # roads) need more conjugate gradient steps than there are vertices. The factors fill up at worst to 9 million numbers.
