@@ -360,6 +360,22 @@ class Backend(ABC):
         found = self.conductances(weighted, f, p=p, eps=eps, coupled=coupled, edge_norm=edge_norm, g=g)
         return self.jacobi_step(weighted, f, f0, found, lam, theta=theta, out=out)
 
+    def similarity_step(
+        self,
+        graph: GridGraph,
+        f: FloatArray,
+        form: PatchForm,
+        f0: Array,
+        lam: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        """One Jacobi sweep at p = 2 with weights computed from patches of `f`, a host function (n, m).
+
+        With a fused kernel the weights are never stored: one step of the bilateral filter, or of nonlocal means.
+        """
+        return self.jacobi_step(self.patch_distance(graph, f, form), self.put(graph, f), f0, None, lam, out=out)
+
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""
 
