@@ -1,19 +1,27 @@
-"""NVIDIA Warp: CUDA devices, or the CPU on one thread; the kernels are in ``kernels/warp``.
+"""NVIDIA Warp: CUDA devices, or the CPU; the kernels are in ``kernels/warp``.
 
 Kernels are compiled once per device, primitive and set of what is compiled in, and kept; Warp keeps the binaries on
 disk. Functions and weights are laid out as ``grid.py`` and ``csr.py`` say.
+
+On the CPU, Warp runs a launch on the thread that asks for it, without Python's lock. A launch of some size is cut into
+pieces here, which the threads of one pool take one after another. No sum crosses a piece, so that the bits do not
+depend on the number of threads.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
+import itertools
 import math
 import os
 import tempfile
 import threading
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,8 +42,11 @@ from ..kernels.warp import (
     jacobi_step,
     max_change,
     p_laplacian,
+    pack,
     patch_distance,
     reals,
+    similarity_step,
+    strip,
 )
 from . import numpy as host
 from .base import (
@@ -55,6 +66,19 @@ CUDA_TIER, CPU_TIER = 0, 3
 
 # Segments of a long sum: enough to fill a GPU, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
+
+# On the CPU: bytes of a pack of neighbouring cells, how much faster an edge is in packs, and vertices in a run.
+_PACK_BYTES, _PACK_SPEED, _RUN = 64, 4, 256
+
+# A strip on the CPU: rows, bytes of neighbouring cells, and bytes of what a work item keeps, which fit the first cache.
+_STRIP_ROWS, _STRIP_BYTES, _STRIP_SCRATCH = 32, 128, 1 << 15
+
+# Recorded sweeps per graph with its weights: two buffers in turn, and as many dampings.
+_SWEEPS = 8
+
+# Pieces per thread, so that a thread that is held up leaves the rest to the others; and the least work of a piece, in
+# edges and vertices: a tenth of a millisecond or more, a few times what it costs to hand a piece over.
+_PIECES, _LEAST_WORK = 4, 1 << 17
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
@@ -132,6 +156,67 @@ def _kernel(alias: str, make: Callable[..., Any], *options: Any) -> Any:
         return kernel
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # a system without it
+        return os.cpu_count() or 1
+
+
+class _Pool:
+    """The threads that help the one that launches; made when they are first needed, in a forked child anew."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._threads: ThreadPoolExecutor | None = None
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._forget)
+
+    def _forget(self) -> None:
+        self._lock, self._threads = threading.Lock(), None
+
+    def run(self, commands: list[Any]) -> None:
+        """Launch all commands, here and on the other threads, and wait for them."""
+
+        def work() -> None:
+            with contextlib.suppress(IndexError):
+                while True:
+                    waiting.popleft().launch()
+
+        waiting = deque(commands)
+        with self._lock:
+            if self._threads is None:
+                self._threads = ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix="gpureg-warp")
+        helpers = min(cores(), len(commands)) - 1
+        futures = []
+        with contextlib.suppress(RuntimeError):  # no new threads while Python exits: all is done here
+            futures = [self._threads.submit(work) for _ in range(helpers)]
+        try:
+            work()
+        finally:
+            # after an interrupt too: nothing is written once this returns
+            waiting.clear()
+            wait(futures)
+        for future in futures:
+            future.result()
+
+
+_pool = _Pool()
+
+
+def _launch_all(commands: list[Any]) -> None:
+    """Launch the commands that a launch was cut into."""
+    if len(commands) == 1:
+        commands[0].launch()
+    else:
+        _pool.run(commands)
+
+
+def _equal_cuts(size: int, pieces: int) -> list[int]:
+    return [size * i // pieces for i in range(pieces + 1)]
+
+
 class _Csr:
     """A stored graph on the device."""
 
@@ -152,6 +237,21 @@ class _Csr:
         # Made when it is first needed, from what does not keep the graph alive.
         self._upload, self._topology = backend.upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
+        self._cuts: dict[int, list[int]] = {}
+
+    @property
+    def work(self) -> int:
+        return self.shape[1] + self._n_edges
+
+    def cuts(self, size: int, pieces: int) -> list[int]:
+        """Where to cut the vertices into runs of about as many edges and vertices."""
+        if size != self.shape[1]:
+            return _equal_cuts(size, pieces)
+        if pieces not in self._cuts:
+            indptr = self._topology[0]
+            ends = indptr + np.arange(len(indptr))
+            self._cuts[pieces] = np.searchsorted(ends, np.linspace(0, int(ends[-1]), pieces + 1)).tolist()
+        return self._cuts[pieces]
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
         return weights
@@ -199,9 +299,17 @@ class _Grid:
         leading = graph.ndim - 1 if graph.ndim > 2 else 0
         strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
         rows = graph.offsets[:, :-1] @ np.array(strides, np.int64)
+        self._reach = int(np.abs(graph.offsets[:, -1]).max(initial=0))
         steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
         self.offsets = backend.upload(steps.astype(np.int32), place)
         self._sizes = sizes(*graph.shape[:leading]) if leading else sizes(0)
+
+    @property
+    def work(self) -> int:
+        return math.prod(self.shape) * (1 + 2 * self.H)
+
+    def cuts(self, size: int, pieces: int) -> list[int]:
+        return _equal_cuts(size, pieces)
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
         rows, width = self.shape
@@ -232,6 +340,7 @@ class _Grid:
         argument = self._struct()
         argument.n_rows, argument.width = self.shape
         argument.H, argument.sizes, argument.offsets = self.H, self._sizes, self.offsets
+        argument.reach = self._reach
         if weights is not None:
             argument.weights = weights
         return argument
@@ -260,6 +369,9 @@ class WarpBackend(Backend):
         self.real = wp.float64 if self.dtype == np.float64 else wp.float32
         self._on = device.handle
         self._layouts: weakref.WeakKeyDictionary[AnyGraph, _Csr | _Grid] = weakref.WeakKeyDictionary()
+        # The launches of past sweeps, for as long as their weights live; those of the present one while it is recorded.
+        self._sweeps: weakref.WeakKeyDictionary[Weighted, dict[Any, Any]] = weakref.WeakKeyDictionary()
+        self._recorded: list[list[Any]] | None = None
 
     # Buffers
 
@@ -326,18 +438,79 @@ class WarpBackend(Backend):
     # Kernels
 
     def _launch(
-        self, dim: tuple[int, ...], make: Callable[..., Any], options: tuple[Any, ...], inputs: list[Any], out: Any
+        self,
+        dim: tuple[int, ...],
+        make: Callable[..., Any],
+        options: tuple[Any, ...],
+        inputs: list[Any],
+        out: Any,
+        *,
+        work: int,
+        cuts: Callable[[int, int], list[int]] = _equal_cuts,
     ) -> None:
-        """Run the kernel that `make` gives for `options`, over a range of work items."""
+        """Run the kernel that `make` gives for `options`, over a range of work items that does `work` in all."""
         kernel = _kernel(self._on.alias, make, *options)
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=[out], device=self._on)
+        command = wp.launch(
+            kernel,
+            dim=dim,
+            inputs=[*inputs, wp.vec2i(0, 0)],
+            outputs=[out],
+            device=self._on,
+            record_cmd=True,
+        )
+        commands = [command]
+        threads = cores() if self._on.is_cpu else 1
+        pieces = min(threads * _PIECES, work // _LEAST_WORK)
+        # the rows are cut, or where there are few of them, all of them along their length
+        axis = 0 if dim[0] >= pieces else len(dim) - 1
+        pieces = min(pieces, dim[axis])
+        if threads > 1 and pieces > 1:
+            commands = []
+            for first, last in itertools.pairwise(cuts(dim[axis], pieces)):
+                if last > first:
+                    piece = copy.copy(command)
+                    piece.params = list(command.params)
+                    piece.set_dim((*dim[:axis], last - first, *dim[axis + 1 :]))
+                    piece.set_param_at_index(len(inputs), wp.vec2i(0, first) if axis else wp.vec2i(first, 0))
+                    commands.append(piece)
+        if self._recorded is not None:
+            self._recorded.append(commands)
+        _launch_all(commands)
 
     def _run(
         self, make: Callable[..., Any], weighted: Weighted, options: tuple[Any, ...], inputs: list[Any], out: Any
     ) -> None:
         """Run a kernel that takes the graph first, one work item per vertex."""
         bound = weighted.topology
-        self._launch(bound.layout.shape, make, (bound.access, *options), [bound.argument, *inputs], out)
+        self._launch_vertices(bound.layout, make, (bound.access, *options), [bound.argument, *inputs], out)
+
+    def _run_runs(
+        self,
+        make: Callable[..., Any],
+        weighted: Weighted,
+        options: tuple[Any, ...],
+        inputs: list[Any],
+        out: Any,
+        edge_norm: bool,
+    ) -> None:
+        """Run a kernel that takes the graph first; on a CPU a work item is a run of vertices or a pack of them."""
+        bound, N = weighted.topology, 1
+        layout, (rows, width) = bound.layout, bound.layout.shape
+        packs = self._on.is_cpu and not edge_norm and pack.possible(bound.access, options[0])
+        if self._on.is_cpu:
+            N = _PACK_BYTES // self.dtype.itemsize if packs else _RUN
+
+        def cuts(size: int, pieces: int) -> list[int]:
+            return [-(-x // N) for x in layout.cuts(width, pieces)] if rows == 1 else _equal_cuts(size, pieces)
+
+        work = layout.work // _PACK_SPEED if packs else layout.work
+        options = (bound.access, *options, N, packs)
+        self._launch((rows, -(-width // N)), make, options, [bound.argument, *inputs], out, work=work, cuts=cuts)
+
+    def _launch_vertices(
+        self, layout: _Csr | _Grid, make: Callable[..., Any], options: tuple[Any, ...], inputs: list[Any], out: Any
+    ) -> None:
+        self._launch(layout.shape, make, options, inputs, out, work=layout.work, cuts=layout.cuts)
 
     def _segments(self, shape: tuple[int, int]) -> tuple[int, list[int]]:
         """Segments of a row, and the reach, stride and count that cut a row into them (``energy.py``).
@@ -354,19 +527,78 @@ class WarpBackend(Backend):
         return segments, [1, segments, count] if gpu else [count, 1, count]
 
     def _partial(
-        self, make: Callable[..., Any], shape: tuple[int, int], options: tuple[Any, ...], inputs: list[Any], dtype: Any
+        self,
+        make: Callable[..., Any],
+        shape: tuple[int, int],
+        options: tuple[Any, ...],
+        inputs: list[Any],
+        dtype: Any,
+        work: int,
     ) -> FloatArray:
         """One number per segment of each row."""
         segments, cut = self._segments(shape)
         out = wp.zeros((shape[0], segments), dtype=dtype, device=self._on)
-        self._launch((shape[0], segments), make, options, [*inputs, *cut], out)
+        self._launch((shape[0], segments), make, options, [*inputs, *cut], out, work=work)
         partial: FloatArray = out.numpy()
         return partial
 
     # Primitives
 
+    def _launch_strips(
+        self,
+        make: Callable[..., Any],
+        graph: GridGraph,
+        f: FloatArray,
+        form: PatchForm,
+        backward: bool,
+        options: tuple[Any, ...],
+        inputs: list[Any],
+        out: Any,
+    ) -> None:
+        """Run a kernel over the strips of ``strip.py``; `backward`: with the whole window, not its forward half."""
+        M, ndim, r, width = f.shape[1], graph.ndim, form.radius, graph.shape[-1]
+        height = graph.shape[-2] if ndim > 1 else 1
+        N = S = 1
+        if self._on.is_cpu:
+            N = _STRIP_BYTES // self.dtype.itemsize
+            S = min(_STRIP_ROWS, max(_STRIP_SCRATCH // (_STRIP_BYTES * (M + 2)), 1), height)
+        half = np.ones(graph.half_window) if form.spatial is None else form.spatial
+        offsets, spatial = graph.forward_offsets, half
+        if backward:
+            offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
+        # Rows in planes, with zeros as far as the window and a pack may reach.
+        padded, _ = padded_for_patches(graph, np.asarray(f, self.dtype), r)
+        left = int(np.abs(offsets[:, -1]).max(initial=0))
+        inside = np.zeros((1, *padded.shape[1:]), self.dtype)
+        inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
+        guards = [(0, 0)] * ndim + [(left, left + 2 * N + 2 * r)]
+        planes, within = np.pad(padded, guards), np.pad(inside, guards)
+        # The patch along the leading axes of a grid of three axes and more, as steps in rows.
+        leading = form.window(max(ndim - 2, 0))
+        strides = np.array([math.prod(padded.shape[a + 2 : -1]) for a in range(leading.ndim)], np.int64)
+        lines = strides @ (np.indices(leading.shape).reshape(leading.ndim, leading.size) - r)
+
+        patches = strip.struct(self.real)()
+        patches.f, patches.inside = self._upload_reals(planes.ravel()), self._upload_reals(within.ravel())
+        patches.plane, patches.pitch, patches.left = planes[0].size, planes.shape[-1], left
+        patches.sizes = self.upload(np.array(graph.shape, np.int32), wp.int32)
+        patches.offsets, patches.n_offsets = self.upload(offsets.astype(np.int32).ravel(), wp.int32), len(offsets)
+        patches.spatial, patches.profile = self._upload_reals(spatial), self._upload_reals(form.profile)
+        patches.lines = self.upload(np.atleast_1d(lines).astype(np.int32), wp.int32)
+        patches.line_weights = self._upload_reals(leading.ravel())
+        patches.shift, patches.scale = form.shift, 0.0 if form.scale is None else form.scale
+
+        dim = (math.prod(graph.shape[:-2]) * -(-height // S), -(-width // N))
+        work = graph.n_vertices * (1 + len(offsets)) * len(form.profile) * M // _PACK_SPEED
+        self._launch(dim, make, (self.real, ndim, M, r, *options, N, S), [patches, *inputs], out, work=work)
+
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
-        layout = self._layout(graph)
+        layout, similarity = self._layout(graph), form.scale is not None
+        if isinstance(graph, GridGraph):
+            weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            if graph.half_window:
+                self._launch_strips(patch_distance.make_grid, graph, f, form, False, (similarity,), [], weights)
+            return self._bind(graph, weights)
         padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
@@ -376,31 +608,20 @@ class WarpBackend(Backend):
         lines = lines - lines[len(lines) // 2]
         places = np.stack(np.divmod(sites, shape[-1]), axis=-1).astype(np.int32)
         function = reals.vector(self.real, m)
+        bare = self._bind(graph, None).topology
         inputs: list[Any] = [
+            bare.argument,
             self.upload(np.moveaxis(padded, 0, -1).reshape(-1, shape[-1], m), function),
             self.upload(lines.astype(np.int32), wp.int32),
             self._upload_reals(window.reshape(len(lines), -1)),
             form.shift,
             0.0 if form.scale is None else form.scale,
+            self.upload(places, wp.vec2i),
+            None if form.spatial is None else self._upload_reals(form.spatial),
         ]
-        similarity = form.scale is not None
         weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
-        bare = self._bind(graph, None).topology
-        if isinstance(layout, _Grid):
-            assert isinstance(graph, GridGraph)
-            rows, width = layout.shape
-            inputs.append(self.upload(places.reshape(rows, width, 2)[:, 0], wp.vec2i))
-            inputs.append(self._upload_reals(np.ones(layout.H) if form.spatial is None else form.spatial))
-            inputs.append(None if graph.mask is None else self.put(graph, graph.mask.reshape(-1, 1)))
-            if layout.H:
-                options = (bare.access, m, similarity, graph.mask is not None)
-                dim = (rows, layout.H, width)
-                self._launch(dim, patch_distance.make_grid, options, [bare.argument, *inputs], weights)
-        else:
-            inputs.append(self.upload(places, wp.vec2i))
-            inputs.append(None if form.spatial is None else self._upload_reals(form.spatial))
-            options = (bare.access, m, similarity, form.spatial is not None)
-            self._launch(layout.shape, patch_distance.make_csr, options, [bare.argument, *inputs], weights)
+        options = (bare.access, m, similarity, form.spatial is not None)
+        self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)
 
     def degree(self, weighted: Weighted) -> Array:
@@ -417,7 +638,7 @@ class WarpBackend(Backend):
         out = self.empty(weighted.graph, _channels(H)) if out is None else out
         bound = weighted.topology
         argument = bound.layout.argument(weighted.weights, True)
-        self._launch(bound.layout.shape, adjoint.make, (bound.access, _channels(H)), [argument, H], out)
+        self._launch_vertices(bound.layout, adjoint.make, (bound.access, _channels(H)), [argument, H], out)
         return out
 
     def gradient_norm(
@@ -435,7 +656,8 @@ class WarpBackend(Backend):
         G = 1 if coupled else M
         out = self.empty(weighted.graph, G) if out is None else out
         options = (M, G, edge_power is not None)
-        self._run(gradient_norm.make, weighted, options, [f, self._squared(eps), power, edge_power or 0.0], out)
+        inputs = [f, self._squared(eps), power, edge_power or 0.0]
+        self._run_runs(gradient_norm.make, weighted, options, inputs, out, edge_power is not None)
         return out
 
     def _squared(self, eps: float) -> float:
@@ -471,7 +693,8 @@ class WarpBackend(Backend):
         out = self.empty(weighted.graph, M) if out is None else out
         options, conductance = self._conductance(g, M)
         inputs = [f, f0, *conductance, lam, theta]
-        self._run(jacobi_step.make, weighted, (M, *options, isinstance(lam, wp.array)), inputs, out)
+        compiled_in = (M, *options, isinstance(lam, wp.array))
+        self._run_runs(jacobi_step.make, weighted, compiled_in, inputs, out, isinstance(g, EdgeNorm))
         return out
 
     def euler_step(
@@ -507,12 +730,69 @@ class WarpBackend(Backend):
         bound, M = weighted.topology, _channels(f)
         options = (bound.access, M, 1 if coupled else M, edge_norm, isinstance(lam, wp.array))
         inputs = [bound.argument, f, f0, lam, p, self._squared(eps)]
-        return float(self._partial(energy.make, bound.layout.shape, options, inputs, wp.float64).sum())
+        return float(
+            self._partial(energy.make, bound.layout.shape, options, inputs, wp.float64, bound.layout.work).sum()
+        )
 
     def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
         options = (self.real, _channels(a))
         shape = weighted.topology.layout.shape
-        return float(self._partial(max_change.make, shape, options, [a, b], self.real).max())
+        return float(self._partial(max_change.make, shape, options, [a, b], self.real, math.prod(shape)).max())
+
+    def sweep(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        theta: float,
+        edge_norm: bool = False,
+        g: Array | None,
+        out: Array,
+    ) -> Array:
+        """Launched from a record the second time: a solver swaps the same two buffers over and over.
+
+        To check and pack the arguments of a launch takes Python longer than a GPU needs for a small graph.
+        """
+        settings: dict[str, Any] = {"p": p, "eps": eps, "coupled": coupled, "theta": theta, "edge_norm": edge_norm}
+        if p != 2 and not edge_norm and g is None:  # an output of its own every time
+            return super().sweep(weighted, f, f0, lam, g=g, out=out, **settings)
+        arrays = (f, f0, lam, g, out)
+        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), *settings.values(), cores())
+        past = self._sweeps.setdefault(weighted, {})
+        if key in past:
+            for commands in past[key][0]:
+                _launch_all(commands)
+            return out
+        recorder = copy.copy(self)
+        recorder._recorded = []
+        super(WarpBackend, recorder).sweep(weighted, f, f0, lam, g=g, out=out, **settings)
+        if len(past) >= _SWEEPS:
+            past.clear()
+        # with the arrays, lest another one gets the number of one that is gone
+        past[key] = (recorder._recorded, arrays)
+        return out
+
+    def similarity_step(
+        self,
+        graph: GridGraph,
+        f: FloatArray,
+        form: PatchForm,
+        f0: Array,
+        lam: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        if form.scale is None:
+            return super().similarity_step(graph, f, form, f0, lam, out=out)
+        out = self.empty(graph, f.shape[1]) if out is None else out
+        options = (isinstance(lam, wp.array),)
+        self._launch_strips(similarity_step.make, graph, f, form, True, options, [f0, lam], out)
+        return out
 
     def finish(self) -> None:
         wp.synchronize_device(self._on)

@@ -20,27 +20,33 @@ def make(access, M):
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at, opposite_at, function = access.edge_at, access.opposite_at, reals.vector(real, M)
+    value_at, put = reals.reading(function, 3), reals.writing(function)
     own = gamma.make(real, access.directed, M, 1).own
 
     @wp.func
     def around(graph: Graph, H: wp.array3d(dtype=function), u: Place) -> function:
         total = function()
-        for i in range(begin(graph, u), end(graph, u)):
+        i = begin(graph, u)
+        last = end(graph, u)
+        while i < last:
             v = neighbour(graph, u, i)
             if exists(graph, v):
                 here, there = edge_at(u, i), opposite_at(graph, v, i)
-                outward = H[there[0], there[1], there[2]] - H[here[0], here[1], here[2]]
+                outward = value_at(H, there[0], there[1], there[2]) - value_at(H, here[0], here[1], here[2])
                 total += own(edge(graph, u, i, v)) * outward
+            i += 1
         return total
 
     @wp.kernel(module="unique", enable_backward=False)
     def adjoint(
         graph: Graph,
         H: wp.array3d(dtype=function),  # M channels per directed edge
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=function),  # M channels
     ):
-        row, x = wp.tid()
-        out[row, x] = around(graph, H, place(graph, row, x))
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
+        put(out, row, x, around(graph, H, place(graph, row, x)))
 
     return adjoint

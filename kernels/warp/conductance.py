@@ -20,6 +20,7 @@ def make(access, M, G, kind):
     real, Place, Edge = access.real, access.Place, access.Edge
     channels = reals.make(real, M, G)
     function, norm, raised = channels.function, channels.norm, channels.raised
+    g_at = reals.reading(norm)
     squared = gamma.make(real, access.directed, M, G).squared
 
     if kind == "edge":
@@ -36,7 +37,7 @@ def make(access, M, G, kind):
         def conductance(
             e: Edge, d: function, g: wp.array2d(dtype=norm), u: Place, v: Place, power: real, eps2: real
         ) -> norm:
-            return g[u[0], u[1]] + g[v[0], v[1]]
+            return g_at(g, u[0], u[1]) + g_at(g, v[0], v[1])
 
     else:
 

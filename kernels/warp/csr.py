@@ -20,7 +20,7 @@ from typing import Any
 
 import warp as wp
 
-from . import gamma
+from . import gamma, reals
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class Access:
     opposite_at: Any
     Edge: Any
     directed: bool
+    pack: Any = None  # what pack.py needs to know of a grid: its leading axes, whether there are weights
 
 
 @functools.cache
@@ -61,6 +62,7 @@ def make(real, form):
     """The names above for a graph whose edges have a `form`: "unit" weights, "weights", or "gamma"."""
     Graph, Place = struct(real), wp.vec2i
     Edge = gamma.edge(real, form == "gamma")
+    number_at, index_at = reals.reading(real, 1), reals.reading(wp.int32, 1)
 
     @wp.func
     def place(graph: Graph, row: int, x: int) -> Place:
@@ -68,15 +70,15 @@ def make(real, form):
 
     @wp.func
     def begin(graph: Graph, u: Place) -> int:
-        return graph.indptr[u[1]]
+        return index_at(graph.indptr, u[1])
 
     @wp.func
     def end(graph: Graph, u: Place) -> int:
-        return graph.indptr[u[1] + 1]
+        return index_at(graph.indptr, u[1] + 1)
 
     @wp.func
     def neighbour(graph: Graph, u: Place, e: int) -> Place:
-        return Place(0, graph.indices[e])
+        return Place(0, index_at(graph.indices, e))
 
     @wp.func
     def exists(graph: Graph, v: Place) -> bool:
@@ -86,13 +88,13 @@ def make(real, form):
 
         @wp.func
         def edge(graph: Graph, u: Place, e: int, v: Place) -> Edge:
-            return Edge(graph.weights[e], graph.weights[graph.mirror[e]])
+            return Edge(number_at(graph.weights, e), number_at(graph.weights, index_at(graph.mirror, e)))
 
     elif form == "weights":
 
         @wp.func
         def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
-            return graph.weights[e]
+            return number_at(graph.weights, e)
 
     else:
 
@@ -106,7 +108,7 @@ def make(real, form):
 
     @wp.func
     def opposite_at(graph: Graph, v: Place, e: int) -> wp.vec3i:
-        return wp.vec3i(0, 0, graph.mirror[e])
+        return wp.vec3i(0, 0, index_at(graph.mirror, e))
 
     return Access(
         real, Graph, Place, place, begin, end, neighbour, exists, edge, edge_at, opposite_at, Edge, form == "gamma"

@@ -9,7 +9,7 @@ import functools
 import warp as wp
 
 from . import gamma
-from .reals import vector
+from .reals import vector, writing
 
 
 @functools.cache
@@ -18,23 +18,29 @@ def make(access):
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     number, hold = vector(real, 1), gamma.make(real, access.directed, 1, 1).hold
+    put = writing(number)
 
     @wp.func
     def around(graph: Graph, u: Place) -> number:
         total = number()
-        for i in range(begin(graph, u), end(graph, u)):
+        i = begin(graph, u)
+        last = end(graph, u)
+        while i < last:
             v = neighbour(graph, u, i)
             if exists(graph, v):
                 total += number(hold(edge(graph, u, i, v)))
+            i += 1
         return total
 
     @wp.kernel(module="unique", enable_backward=False)
     def degree(
         graph: Graph,
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=number),  # 1 channel
     ):
-        row, x = wp.tid()
-        out[row, x] = around(graph, place(graph, row, x))
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
+        put(out, row, x, around(graph, place(graph, row, x)))
 
     return degree

@@ -18,29 +18,35 @@ def make(access, M):
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at, function = access.edge_at, reals.vector(real, M)
+    at, put = reals.reading(function), reals.writing(function, 3)
     of = gamma.make(real, access.directed, M, 1)
     difference_of, derived = of.difference, of.derived
 
     @wp.func
     def write_all(graph: Graph, f: wp.array2d(dtype=function), out: wp.array3d(dtype=function), u: Place):
-        here = f[u[0], u[1]]
-        for i in range(begin(graph, u), end(graph, u)):
+        here = at(f, u[0], u[1])
+        i = begin(graph, u)
+        last = end(graph, u)
+        while i < last:
             v = neighbour(graph, u, i)
             d = function()
             if exists(graph, v):
                 e = edge(graph, u, i, v)
-                d = derived(e, difference_of(e, here, f[v[0], v[1]]))
-            at = edge_at(u, i)
-            out[at[0], at[1], at[2]] = d
+                d = derived(e, difference_of(e, here, at(f, v[0], v[1])))
+            to = edge_at(u, i)
+            put(out, to[0], to[1], to[2], d)
+            i += 1
 
     @wp.kernel(module="unique", enable_backward=False)
     def difference(
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array3d(dtype=function),  # M channels per directed edge
     ):
-        row, x = wp.tid()
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
         write_all(graph, f, out, place(graph, row, x))
 
     return difference

@@ -22,6 +22,7 @@ def make(access, M, G, edge_norm, lam_array):
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, raise_ = channels.function, reals.raising(real)
+    at = reals.reading(function)
     around = squared_gradient.make(access, M, G, edge_norm)
     lam_type, lam_at = reals.per_vertex(real, Place, lam_array)
 
@@ -51,7 +52,7 @@ def make(access, M, G, edge_norm, lam_array):
         total = real(0.0)
         lam_u = lam_at(lam, u)
         if not wp.isinf(lam_u):
-            d = f[u[0], u[1]] - f0[u[0], u[1]]
+            d = at(f, u[0], u[1]) - at(f0, u[0], u[1])
             total = lam_u * wp.dot(d, d) / real(2.0)
         for c in range(G):
             total += term(smoothness[c], p)
@@ -66,15 +67,16 @@ def make(access, M, G, edge_norm, lam_array):
         p: real,
         eps2: real,
         row: int,
-        first: int,
+        begin: int,
         stride: int,
         count: int,
     ) -> wp.float64:
         total = wp.float64(0.0)
-        for i in range(count):
-            x = first + i * stride
-            if x < f.shape[1]:
-                total += wp.float64(density(graph, f, f0, lam, p, eps2, place(graph, row, x)))
+        x = int(begin)
+        last = wp.min(f.shape[1], begin + count * stride)
+        while x < last:
+            total += wp.float64(density(graph, f, f0, lam, p, eps2, place(graph, row, x)))
+            x += stride
         return total
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -88,10 +90,12 @@ def make(access, M, G, edge_norm, lam_array):
         reach: int,  # from a segment's first vertex to the next one's
         stride: int,  # from a vertex to the next of its segment
         count: int,  # vertices in a segment
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=wp.float64),  # (rows, segments)
     ):
-        row, s = wp.tid()
+        i, j = wp.tid()
+        row, s = first[0] + i, first[1] + j
         out[row, s] = segment_sum(graph, f, f0, lam, p, eps2, row, s * reach, stride, count)
 
     return energy

@@ -24,6 +24,7 @@ def make(access, M, G, kind, lam_array, tau_array):
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, norm = channels.function, channels.norm
+    at, put = reals.reading(function), reals.writing(function)
     around = p_laplacian.flow_around(access, M, G, kind)
     lam_type, lam_at = reals.per_vertex(real, Place, lam_array)
     tau_type, tau_at = reals.per_vertex(real, Place, tau_array)
@@ -44,12 +45,14 @@ def make(access, M, G, kind, lam_array, tau_array):
         eps2: real,  # eps^2; read with the edge norm
         lam: lam_type,  # a number or 1 channel
         tau: tau_type,  # a number or 1 channel
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=function),  # M channels; not f
     ):
-        row, x = wp.tid()
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
         u = place(graph, row, x)
         flow = around(graph, f, g, power, eps2, u)
-        out[row, x] = move(f[row, x], f0[row, x], flow, lam_at(lam, u), tau_at(tau, u))
+        put(out, row, x, move(at(f, row, x), at(f0, row, x), flow, lam_at(lam, u), tau_at(tau, u)))
 
     return euler_step

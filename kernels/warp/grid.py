@@ -15,7 +15,7 @@ import functools
 
 import warp as wp
 
-from . import gamma
+from . import gamma, reals
 from .csr import Access
 
 
@@ -30,6 +30,7 @@ def struct(real, ndim):
     class Grid:
         n_rows: wp.int32
         width: wp.int32  # cells in a row
+        reach: wp.int32  # the farthest an offset leads along a row
         H: wp.int32  # forward offsets, half the window
         sizes: Sizes  # of the leading axes, on three axes and more
         offsets: wp.array(dtype=Place)  # (2 H,)
@@ -44,6 +45,7 @@ def make(real, ndim, form):
     Graph, Place, _ = struct(real, ndim)
     Edge = gamma.edge(real, form == "gamma")
     leading = ndim - 1
+    offset_at, weight_at = reals.reading(Place, 1), reals.reading(real, 3)
 
     # `exists` compares as unsigned numbers, where one below 0 is very large: one comparison holds off both ends.
     if ndim <= 2:
@@ -87,21 +89,22 @@ def make(real, ndim, form):
 
     @wp.func
     def neighbour(graph: Graph, u: Place, e: int) -> Place:
-        return u + graph.offsets[e]
+        return u + offset_at(graph.offsets, e)
 
     if form == "gamma":
 
         @wp.func
         def edge(graph: Graph, u: Place, e: int, v: Place) -> Edge:
-            return Edge(graph.weights[u[0], e, u[1]], graph.weights[v[0], 2 * graph.H - 1 - e, v[1]])
+            own = weight_at(graph.weights, u[0], e, u[1])
+            return Edge(own, weight_at(graph.weights, v[0], 2 * graph.H - 1 - e, v[1]))
 
     elif form == "weights":
         # Stored at u when the edge leads forward, at v when it leads back.
         @wp.func
         def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             if e >= graph.H:
-                return graph.weights[u[0], e - graph.H, u[1]]
-            return graph.weights[v[0], graph.H - 1 - e, v[1]]
+                return weight_at(graph.weights, u[0], e - graph.H, u[1])
+            return weight_at(graph.weights, v[0], graph.H - 1 - e, v[1])
 
     else:
 
@@ -117,6 +120,20 @@ def make(real, ndim, form):
     def opposite_at(graph: Graph, v: Place, e: int) -> wp.vec3i:
         return wp.vec3i(v[0], 2 * graph.H - 1 - e, v[1])
 
+    pack = None if form == "gamma" else (leading if ndim > 2 else 0, form == "weights")
     return Access(
-        real, Graph, Place, place, begin, end, neighbour, exists, edge, edge_at, opposite_at, Edge, form == "gamma"
+        real,
+        Graph,
+        Place,
+        place,
+        begin,
+        end,
+        neighbour,
+        exists,
+        edge,
+        edge_at,
+        opposite_at,
+        Edge,
+        form == "gamma",
+        pack,
     )

@@ -8,29 +8,31 @@ import functools
 
 import warp as wp
 
-from .reals import vector
+from .reals import reading, vector
 
 
 @functools.cache
 def make(real, M):
     """The kernel for M channels."""
     function = vector(real, M)
+    at = reading(function)
 
     @wp.func
     def segment_max(
-        a: wp.array2d(dtype=function), b: wp.array2d(dtype=function), row: int, first: int, stride: int, count: int
+        a: wp.array2d(dtype=function), b: wp.array2d(dtype=function), row: int, begin: int, stride: int, count: int
     ) -> real:
         largest = real(0.0)
-        for i in range(count):
-            x = first + i * stride
-            if x < a.shape[1]:
-                d = a[row, x] - b[row, x]
-                for c in range(M):
-                    change = wp.abs(d[c])
-                    # wp.max may drop a NaN: make it the largest number instead
-                    if wp.isnan(change):
-                        change = real(wp.inf)
-                    largest = wp.max(largest, change)
+        x = int(begin)
+        last = wp.min(a.shape[1], begin + count * stride)
+        while x < last:
+            d = at(a, row, x) - at(b, row, x)
+            for c in range(M):
+                change = wp.abs(d[c])
+                # wp.max may drop a NaN: make it the largest number instead
+                if wp.isnan(change):
+                    change = real(wp.inf)
+                largest = wp.max(largest, change)
+            x += stride
         return largest
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -40,10 +42,12 @@ def make(real, M):
         reach: int,  # from a segment's first vertex to the next one's
         stride: int,  # from a vertex to the next of its segment
         count: int,  # vertices in a segment
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=real),  # (rows, segments)
     ):
-        row, s = wp.tid()
+        i, j = wp.tid()
+        row, s = first[0] + i, first[1] + j
         out[row, s] = segment_max(a, b, row, s * reach, stride, count)
 
     return max_change

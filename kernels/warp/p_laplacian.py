@@ -22,6 +22,7 @@ def flow_around(access, M, G, kind):
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
     function, norm, scaled = channels.function, channels.norm, channels.scaled
+    at = reals.reading(function)
     of = gamma.make(real, access.directed, M, G)
     difference, flow = of.difference, of.flow
     conductance_of = conductance.make(access, M, G, kind)
@@ -35,14 +36,17 @@ def flow_around(access, M, G, kind):
         eps2: real,
         u: Place,
     ) -> function:
-        here = f[u[0], u[1]]
+        here = at(f, u[0], u[1])
         total = function()
-        for i in range(begin(graph, u), end(graph, u)):
+        i = begin(graph, u)
+        last = end(graph, u)
+        while i < last:
             v = neighbour(graph, u, i)
             if exists(graph, v):
                 e = edge(graph, u, i, v)
-                d = difference(e, here, f[v[0], v[1]])
+                d = difference(e, here, at(f, v[0], v[1]))
                 total += scaled(conductance_of(e, d, g, u, v, power, eps2), flow(e, d))
+            i += 1
         return total
 
     return around
@@ -55,6 +59,7 @@ def make(access, M, G, kind):
     channels = reals.make(real, M, G)
     function, norm = channels.function, channels.norm
     around = flow_around(access, M, G, kind)
+    put = reals.writing(function)
 
     @wp.kernel(module="unique", enable_backward=False)
     def p_laplacian(
@@ -63,10 +68,12 @@ def make(access, M, G, kind):
         g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
         power: real,  # (p - 2)/2; read with the edge norm
         eps2: real,  # eps^2; read with the edge norm
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array2d(dtype=function),  # M channels
     ):
-        row, x = wp.tid()
-        out[row, x] = function() - around(graph, f, g, power, eps2, place(graph, row, x))
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
+        put(out, row, x, function() - around(graph, f, g, power, eps2, place(graph, row, x)))
 
     return p_laplacian

@@ -3,28 +3,30 @@ similarity(u, v) = s(u, v) exp(-max(rho - shift, 0) scale)                      
 
 The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor s.
 shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
-f comes padded by the patch's radius (numpy's "reflect") as rows of cells, so that no read of a patch leaves it: one
-work item never asks where the border is. A patch is a bundle of lines: line l of the patch around cell (y, x) is the
-cells x - r .. x + r of the padded row y + lines[l].
+f comes padded by the patch's radius (numpy's "reflect") as rows of cells, so that no read of a patch leaves it: no work
+item asks where the border is.
 
-Grid: one work item gives the weight of one forward offset h at one vertex, in the layout of grid.py, the zeros that
-lead out of the grid or the mask included. CSR: one work item gives the weights of all edges of one vertex; `site` is
-where its patch is centred in the padded f.
+Grid: one work item gives the weights of all forward offsets on a strip of cells (strip.py says how, and at what
+arithmetic), in the layout of grid.py, the zeros that lead out of the grid or the mask included.
+CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred. A patch is a
+bundle of lines: line l of the patch around cell (y, x) is the cells x - r .. x + r of the padded row y + lines[l].
 Traffic per edge of a patch of P offsets: reads 2 P M values, nearly all from the cache; writes one number.
-Arithmetic per edge: 3 P M operations. (A kernel whose cost is independent of P is possible for flat patches.)
+Arithmetic per edge: 3 P M operations.
 """
 
 import functools
 
 import warp as wp
 
-from .reals import vector
+from . import strip
+from .reals import reading, vector
 
 
 @functools.cache
 def distance(real, M, similarity):
     """Two functions: rho of the patches around two cells of the padded f, and what the weight makes of it."""
     function = vector(real, M)
+    at, g_at, line_at = reading(function), reading(real), reading(wp.int32, 1)
 
     @wp.func
     def between(
@@ -36,12 +38,16 @@ def distance(real, M, similarity):
     ) -> real:
         rho = real(0.0)
         left = g.shape[1] // 2
-        for line in range(lines.shape[0]):
-            row_a = a[0] + lines[line]
-            row_b = b[0] + lines[line]
-            for j in range(g.shape[1]):
-                d = padded[row_a, a[1] - left + j] - padded[row_b, b[1] - left + j]
-                rho += g[line, j] * wp.dot(d, d)
+        line = wp.int32(0)
+        while line < lines.shape[0]:
+            row_a = a[0] + line_at(lines, line)
+            row_b = b[0] + line_at(lines, line)
+            j = wp.int32(0)
+            while j < g.shape[1]:
+                d = at(padded, row_a, a[1] - left + j) - at(padded, row_b, b[1] - left + j)
+                rho += g_at(g, line, j) * wp.dot(d, d)
+                j += 1
+            line += 1
         return rho
 
     if similarity:
@@ -59,51 +65,36 @@ def distance(real, M, similarity):
     return between, epilogue
 
 
+_WEIGHTS = """
+        for (int y = 0; y < rows; ++y) {
+            const bool has = from <= y && y < until;
+            const V w = has ? WEIGHT : V{};
+            const T* here = p.inside.data + centre0 + y * p.pitch;
+            T* const to = out.data + ((cell0 / width + y) * p.n_offsets + k) * width + x0;
+            for (int l = 0; l < columns; ++l)
+                to[l] = has && here[l] > T(0) && here[l + ahead] > T(0) ? ((const T*)&w)[l] : T(0);
+        }
+"""
+
+
 @functools.cache
-def make_grid(access, M, similarity, masked):
-    """The kernel for a grid."""
-    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
-    neighbour, exists = access.neighbour, access.exists
-    function, number = vector(real, M), vector(real, 1)
-    between, epilogue = distance(real, M, similarity)
+def make_grid(real, ndim, M, R, similarity, N, S):
+    """The kernel for a grid of so many axes, patches of radius R, and packs of N cells on S rows."""
+    Patches = strip.struct(real)
+    weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], p.spatial.data[k])" if similarity else "rho[y]")
 
-    if masked:
-
-        @wp.func
-        def joined(graph: Graph, mask: wp.array2d(dtype=number), u: Place, v: Place) -> bool:
-            if exists(graph, v):
-                return mask[u[0], u[1]][0] > real(0.0) and mask[v[0], v[1]][0] > real(0.0)
-            return False
-
-    else:
-
-        @wp.func
-        def joined(graph: Graph, mask: wp.array2d(dtype=number), u: Place, v: Place) -> bool:
-            return exists(graph, v)
+    @wp.func_native(strip.source(real, ndim, M, R, N, S, weights=weights))
+    def write_strip(p: Patches, out: wp.array3d(dtype=real), strip: int, pack: int): ...
 
     @wp.kernel(module="unique", enable_backward=False)
     def patch_distance(
-        graph: Graph,
-        padded: wp.array2d(dtype=function),  # M channels
-        lines: wp.array(dtype=wp.int32),  # (n_lines,)
-        g: wp.array2d(dtype=real),  # (n_lines, 2 r + 1)
-        shift: real,
-        scale: real,
-        padded_rows: wp.array(dtype=wp.vec2i),  # (n_rows,): where the patch of each row's first cell is centred
-        spatial: wp.array(dtype=real),  # (H,)
-        mask: wp.array2d(dtype=number),  # 1 channel, 1 inside; not read without `masked`
+        p: Patches,  # its offsets: those that lead forward
+        first: wp.vec2i,  # strip and pack of the launch's first work item
         # output
         out: wp.array3d(dtype=real),  # weights, in the layout of grid.py
     ):
-        row, h, x = wp.tid()
-        u = place(graph, row, x)
-        v = neighbour(graph, u, graph.H + h)
-        w = real(0.0)
-        if joined(graph, mask, u, v):
-            site_u = padded_rows[u[0]] + wp.vec2i(0, u[1])
-            site_v = padded_rows[v[0]] + wp.vec2i(0, v[1])
-            w = epilogue(between(padded, lines, g, site_u, site_v), spatial[h], shift, scale)
-        out[row, h, x] = w
+        i, j = wp.tid()
+        write_strip(p, out, first[0] + i, first[1] + j)
 
     return patch_distance
 
@@ -141,10 +132,13 @@ def make_csr(access, M, similarity, with_spatial):
         u: Place,
         out: wp.array(dtype=real),
     ):
-        for e in range(begin(graph, u), end(graph, u)):
+        e = begin(graph, u)
+        last = end(graph, u)
+        while e < last:
             v = neighbour(graph, u, e)
             rho = between(padded, lines, g, site[u[1]], site[v[1]])
             out[e] = epilogue(rho, factor(spatial, e), shift, scale)
+            e += 1
 
     @wp.kernel(module="unique", enable_backward=False)
     def patch_distance(
@@ -156,10 +150,12 @@ def make_csr(access, M, similarity, with_spatial):
         scale: real,
         site: wp.array(dtype=wp.vec2i),  # (n,)
         spatial: wp.array(dtype=real),  # (n_edges,); not read without `with_spatial`
+        first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array(dtype=real),  # (n_edges,)
     ):
-        row, x = wp.tid()
+        i, j = wp.tid()
+        row, x = first[0] + i, first[1] + j
         write_edges(graph, padded, lines, g, shift, scale, site, spatial, place(graph, row, x), out)
 
     return patch_distance

@@ -38,6 +38,47 @@ def vector(real, length):
     return wp.types.vector(length=length, dtype=real)
 
 
+@functools.cache
+def reading(dtype, ndim=2):
+    """A function that reads an array of so many axes, which is contiguous, as all arrays of this project are.
+
+    Warp's own indexing multiplies by strides that it loads each time: a neighbour loop spends a third of its time so,
+    and another third where it is a loop over a range, whose step may have either sign: hence the `while` loops here.
+    """
+    if ndim == 1:
+
+        @wp.func_native("return a.data[i];")
+        def at(a: wp.array(dtype=dtype), i: int) -> dtype: ...
+
+    elif ndim == 2:
+
+        @wp.func_native("return a.data[(size_t)i * a.shape[1] + j];")
+        def at(a: wp.array2d(dtype=dtype), i: int, j: int) -> dtype: ...
+
+    else:
+
+        @wp.func_native("return a.data[((size_t)i * a.shape[1] + j) * a.shape[2] + k];")
+        def at(a: wp.array3d(dtype=dtype), i: int, j: int, k: int) -> dtype: ...
+
+    return at
+
+
+@functools.cache
+def writing(dtype, ndim=2):
+    """A function that writes a number of such an array."""
+    if ndim == 2:
+
+        @wp.func_native("a.data[(size_t)i * a.shape[1] + j] = x;")
+        def put(a: wp.array2d(dtype=dtype), i: int, j: int, x: dtype): ...
+
+    else:
+
+        @wp.func_native("a.data[((size_t)i * a.shape[1] + j) * a.shape[2] + k] = x;")
+        def put(a: wp.array3d(dtype=dtype), i: int, j: int, k: int, x: dtype): ...
+
+    return put
+
+
 def smallest(real):
     """A sum of weights below this is taken for 0: of numbers so small a quotient has few digits left, or none."""
     return wp.constant(real(1e-290 if real == wp.float64 else 1e-30))
@@ -102,11 +143,11 @@ def make(real, M, G):
 def per_vertex(real, Place, is_array):
     """The type of an argument that is a number or one value per vertex, and a function that gives its value at one."""
     if is_array:
-        argument = wp.array2d(dtype=vector(real, 1))
+        argument, at = wp.array2d(dtype=vector(real, 1)), reading(vector(real, 1))
 
         @wp.func
         def value_at(x: argument, u: Place) -> real:
-            return x[u[0], u[1]][0]
+            return at(x, u[0], u[1])[0]
 
     else:
         argument = real

@@ -18,6 +18,7 @@ def make(access, M, G, edge_norm):
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
     function, norm, raised = channels.function, channels.norm, channels.raised
+    at = reals.reading(function)
     of = gamma.make(real, access.directed, M, G)
     difference, squared, present = of.difference, of.squared, of.present
 
@@ -25,27 +26,33 @@ def make(access, M, G, edge_norm):
 
         @wp.func
         def around(graph: Graph, f: wp.array2d(dtype=function), u: Place, eps2: real, edge_power: real) -> norm:
-            here = f[u[0], u[1]]
+            here = at(f, u[0], u[1])
             total = norm()
-            for i in range(begin(graph, u), end(graph, u)):
+            i = begin(graph, u)
+            last = end(graph, u)
+            while i < last:
                 v = neighbour(graph, u, i)
                 if exists(graph, v):
                     e = edge(graph, u, i, v)
                     if present(e):
-                        total += raised(squared(e, difference(e, here, f[v[0], v[1]])), eps2, edge_power)
+                        total += raised(squared(e, difference(e, here, at(f, v[0], v[1]))), eps2, edge_power)
+                i += 1
             return total
 
     else:
 
         @wp.func
         def around(graph: Graph, f: wp.array2d(dtype=function), u: Place, eps2: real, edge_power: real) -> norm:
-            here = f[u[0], u[1]]
+            here = at(f, u[0], u[1])
             total = norm()
-            for i in range(begin(graph, u), end(graph, u)):
+            i = begin(graph, u)
+            last = end(graph, u)
+            while i < last:
                 v = neighbour(graph, u, i)
                 if exists(graph, v):
                     e = edge(graph, u, i, v)
-                    total += squared(e, difference(e, here, f[v[0], v[1]]))
+                    total += squared(e, difference(e, here, at(f, v[0], v[1])))
+                i += 1
             return total + norm(eps2)
 
     return around

@@ -1,0 +1,299 @@
+"""The Warp backend's own: launches on several threads, strips of cells, the step whose weights are never stored."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import subprocess
+import sys
+import weakref
+
+import bounds
+import cases
+import numpy as np
+import pytest
+from test_backends import PatchCase, assert_within, nan, oracle
+
+from gpureg import backends
+from gpureg.backends import EdgeNorm
+from gpureg.graph import GridGraph
+
+if "warp" in backends.absent():
+    pytest.skip(backends.absent()["warp"], allow_module_level=True)
+
+import warp as wp
+from gpureg.kernels.warp import grid as grid_kernels
+from gpureg.kernels.warp import jacobi_step, patch_distance, similarity_step
+
+from gpureg.backends import warp as warp_backend
+
+
+def everything(backend, name, channels):
+    """The bytes of what several primitives give on a graph, from outputs full of NaN."""
+    graph, weights = cases.graph(name), cases.weights(name)
+    f, f0 = (backend.put(graph, cases.function(graph, channels, seed=seed)) for seed in (11, 13))
+    lam = backend.put(graph, cases.fidelity(graph))
+    weighted = backend.prepare(graph, weights)
+
+    def out(m=channels):
+        return nan(backend, graph, m)
+
+    g = backend.gradient_norm(weighted, f, power=-0.5, eps=cases.EPS, coupled=True, out=out(1))
+    found = [
+        g,
+        backend.degree(weighted),
+        backend.p_laplacian(weighted, f, g, out=out()),
+        backend.jacobi_step(weighted, f, f0, g, lam, theta=0.625, out=out()),
+        backend.euler_step(weighted, f, f0, EdgeNorm(1.5, cases.EPS, True), lam, 0.125, out=out()),
+        backend.adjoint(weighted, backend.difference(weighted, f), out=out()),
+    ]
+    form = PatchCase(name, channels, radius=1, scale=0.5).form(graph)
+    host = cases.function(graph, channels)
+    hosts = [backend.get(graph, x) for x in found]
+    hosts.append(backend.get_weights(backend.patch_distance(graph, host, form)))
+    if isinstance(graph, GridGraph):
+        hosts.append(backend.get(graph, backend.similarity_step(graph, host, form, f0, lam, out=out())))
+    assert all(np.isfinite(x).all() for x in hosts)
+    sums = [
+        backend.energy(weighted, f, f0, lam, p=1.5, eps=cases.EPS, coupled=True),
+        backend.max_change(weighted, f, f0),
+    ]
+    return [x.tobytes() for x in hosts] + sums
+
+
+@pytest.mark.parametrize(("name", "channels"), [("grid", 1), ("row", 1), ("masked", 3), ("csr of grid", 1)])
+def test_threads_do_not_change_a_bit(monkeypatch, name, channels):
+    """Few rows or many, cut along the one axis or the other; a stored graph by its edges."""
+    backend = backends.get("warp:cpu")
+    monkeypatch.setattr(warp_backend, "cores", lambda: 1)
+    alone = everything(backend, name, channels)
+    monkeypatch.setattr(warp_backend, "_LEAST_WORK", 16)
+    cut = []
+    run = warp_backend._pool.run
+    monkeypatch.setattr(warp_backend._pool, "run", lambda commands: (cut.append(len(commands)), run(commands)))
+    for threads in (2, 3, 7):
+        monkeypatch.setattr(warp_backend, "cores", lambda threads=threads: threads)
+        assert everything(backend, name, channels) == alone
+    assert max(cut) == 4 * 7
+
+
+def test_a_stored_graph_is_cut_by_its_edges():
+    """Degrees are far from even; the runs of vertices cover all, and none has much more than its share."""
+    graph = cases.graph("csr")
+    layout = backends.get("warp:cpu")._layout(graph)
+    cuts = layout.cuts(graph.n_vertices, 5)
+    assert cuts[0] == 0 and cuts[-1] == graph.n_vertices and cuts == sorted(cuts)
+    work = np.diff(graph.indptr[cuts]) + np.diff(cuts)
+    heaviest = np.diff(graph.indptr).max() + 1
+    assert work.sum() == graph.n_vertices + graph.n_edges
+    assert work.max() <= work.sum() / 5 + heaviest
+    assert work.max() < np.diff(graph.indptr[[613 * i // 5 for i in range(6)]]).max()
+
+
+def test_what_a_thread_raises_reaches_the_caller():
+    class Broken:
+        def launch(self):
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        warp_backend._pool.run([Broken() for _ in range(4)])
+
+
+@pytest.mark.parametrize("weighted", [False, True], ids=["unit", "weights"])
+def test_packs_on_three_axes(weighted):
+    """Wide enough for packs within a row, which the rows of tests/cases.py are on two axes alone."""
+    grid = GridGraph((3, 4, 75), 2, "cityblock")
+    weights = cases.half_weights(grid) if weighted else None
+    f, f0, lam = cases.function(grid), cases.function(grid, seed=13), cases.fidelity(grid)
+    backend, exact = backends.get("warp:cpu"), oracle()
+    on, exact_on = backend.prepare(grid, weights), exact.prepare(grid, weights)
+    limit = bounds.Bounds(grid, weights, "float32")
+    q = exact.gradient_norm(exact_on, f, power=1, eps=cases.EPS, coupled=True)
+    for power in (1.0, 0.5, 0.0, -0.5, -0.75):
+        out = nan(backend, grid, 1)
+        backend.gradient_norm(on, backend.put(grid, f), power=power, eps=cases.EPS, coupled=True, out=out)
+        assert_within(backend.get(grid, out), q**power, limit.gradient_norm(q, power, 1, True), f"power {power}")
+    g = (q**-0.5).astype(np.float32).astype(np.float64)
+    for conductances in (g, None):
+        for fidelity in (lam, 0.75, float("inf")):
+            out = nan(backend, grid, 1)
+            device_g = None if conductances is None else backend.put(grid, g)
+            device_lam = fidelity if isinstance(fidelity, float) else backend.put(grid, fidelity)
+            device_f, device_f0 = backend.put(grid, f), backend.put(grid, f0)
+            backend.jacobi_step(on, device_f, device_f0, device_g, device_lam, theta=0.625, out=out)
+            expected = exact.jacobi_step(exact_on, f, f0, conductances, fidelity, theta=0.625)
+            bound = limit.jacobi_step(f, f0, conductances, fidelity, 0.625)
+            assert_within(backend.get(grid, out), expected, bound, "jacobi_step")
+
+
+def test_recorded_sweeps_are_the_sweeps_asked_for():
+    """A second sweep between the same buffers is launched from a record: same settings, on what they hold now."""
+    backend, grid = backends.get("warp:cpu"), cases.graph("grid")
+    weighted = backend.prepare(grid, cases.weights("grid"))
+    f, f0, lam = (
+        backend.put(grid, x) for x in (cases.function(grid), cases.function(grid, seed=13), np.ones((1961, 1)))
+    )
+    g, out = backend.empty(grid, 1), backend.empty(grid, 1)
+
+    def swept(to, start, data=f0, fidelity=lam, theta=1.0, p=1.0):
+        settings = {"p": p, "eps": cases.EPS, "coupled": True, "theta": theta}
+        backend.sweep(weighted, start, data, fidelity, g=g, out=to, **settings)
+        return backend.get(grid, to).tobytes()
+
+    first = swept(out, f)
+    second = swept(f, out)
+    assert swept(out, f) != first  # f has moved
+    f.assign(cases.function(grid).astype(np.float32).reshape(f.shape[0], f.shape[1], 1))
+    assert swept(out, f) == first
+    assert swept(f, out) == second
+    f.assign(cases.function(grid).astype(np.float32).reshape(f.shape[0], f.shape[1], 1))
+    different = {swept(out, f, theta=0.5), swept(out, f, p=1.5), swept(out, f, fidelity=2.0), swept(out, f, data=f)}
+    assert len(different | {first}) == 5
+    held = backend._sweeps[weighted]
+    for theta in np.linspace(0.1, 0.9, 20):
+        swept(out, f, theta=float(theta))
+    assert len(held) <= warp_backend._SWEEPS
+
+
+def test_records_go_with_their_weights():
+    backend, grid = backends.get("warp:cpu"), cases.graph("grid")
+    weighted = backend.prepare(grid, cases.weights("grid"))
+    f, g, out = (backend.put(grid, cases.function(grid)) for _ in range(3))
+    backend.sweep(weighted, f, f, 1.0, p=1.0, eps=cases.EPS, coupled=True, theta=1.0, g=g, out=out)
+    assert weighted in backend._sweeps
+    gone = weakref.ref(weighted)
+    del weighted
+    gc.collect()
+    assert gone() is None
+
+
+def test_kernels_compile_for_cuda(tmp_path):
+    """To PTX, which needs no device: the C++ parts are for both compilers."""
+    if sys.platform == "darwin":
+        pytest.skip("Warp for macOS has no compiler for CUDA")
+    access = grid_kernels.make(wp.float32, 2, "weights")
+    for kernel in (
+        similarity_step.make(wp.float32, 2, 1, 3, True, 1, 1),
+        patch_distance.make_grid(wp.float64, 3, 3, 1, True, 1, 1),
+        jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
+    ):
+        wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
+    assert len(list(tmp_path.glob("*.ptx"))) == 3
+
+
+FORKED = """
+import os, sys
+import numpy as np
+from gpureg import backends
+from gpureg.backends import warp
+from gpureg.graph import GridGraph
+
+warp._LEAST_WORK, warp.cores = 16, lambda: 2
+backend, grid = backends.get("warp:cpu"), GridGraph((37, 53))
+weighted, f = backend.prepare(grid, None), backend.put(grid, np.arange(37.0 * 53)[:, None])
+
+def norm():
+    return backend.get(grid, backend.gradient_norm(weighted, f, power=0.5, eps=0.1, coupled=True)).tobytes()
+
+before = norm()
+assert warp._pool._threads is not None
+child = os.fork()
+if not child:
+    os._exit(0 if warp._pool._threads is None and norm() == before and warp._pool._threads else 1)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) or norm() != before)
+"""
+
+
+@pytest.mark.skipif(not hasattr(sys.modules["os"], "fork"), reason="a system without fork")
+def test_a_forked_child_makes_its_own_threads():
+    subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], check=True, timeout=120)
+
+
+STEPS = (
+    (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),
+    (PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), "array"),
+    (PatchCase("grid", radius=2, scale=0.5, wide=True), "array"),
+    (PatchCase("masked", radius=0, scale=2.0, spatial=True), "array"),
+    (PatchCase("narrow", radius=4, scale=0.01), "number"),
+    (PatchCase("row", radius=2, scale=1.0), "array"),
+    (PatchCase("volume", radius=1, gaussian=True, scale=4.0), "array"),
+    (PatchCase("four axes", channels=2, radius=1, scale=0.01), "number"),
+    (PatchCase("pixel", radius=2, scale=1.0), "number"),
+)
+
+
+@pytest.mark.parametrize("narrow", [False, True], ids=["packs", "one cell"])
+@pytest.mark.parametrize(("case", "lam"), STEPS, ids=[f"{case.id}, lam a {lam}" for case, lam in STEPS])
+def test_similarity_step(monkeypatch, case, lam, narrow):
+    """Against the composition of its two primitives on numpy in float64; `narrow`: as a GPU takes it.
+
+    A weight is off by dw (bounds.patch_distance), which moves the quotient q by at most
+    sum_v 2 dw (|f(v)| + |q|) / (denominator - sum_v 2 dw); what is then computed from it obeys bounds.jacobi_step.
+    """
+    dtype = "float64" if case.wide else "float32"
+    backend, exact = backends.get("warp:cpu", dtype), oracle()
+    if narrow:
+        monkeypatch.setattr(warp_backend, "_STRIP_ROWS", 1)
+        monkeypatch.setattr(warp_backend, "_STRIP_BYTES", backend.dtype.itemsize)
+    graph, m = cases.graph(case.graph), case.channels
+    f, f0, form = cases.function(graph, m), cases.function(graph, m, seed=13), case.form(graph)
+    fidelity = 0.75 if lam == "number" else cases.fidelity(graph)
+
+    w = exact.get_weights(exact.patch_distance(graph, f, form))
+    rho = exact.get_weights(exact.patch_distance(graph, f, dataclasses.replace(form, scale=None)))
+    inside = graph.unit_half_weights()
+    spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
+    limit = bounds.Bounds(graph, w, dtype)
+    dw = limit.patch_distance(rho, form, spatial, m, graph.ndim)
+    expected = exact.similarity_step(graph, f, form, f0, fidelity)
+    off = graph.to_graph(2 * dw).weights
+    pinned = np.isinf(np.broadcast_to(fidelity, (graph.n_vertices, 1)))
+    finite = np.where(pinned, 0, fidelity)
+
+    def around(terms):
+        return np.stack([np.bincount(limit.rows, t, graph.n_vertices) for t in terms.T], axis=-1)
+
+    moved = around(off[:, None] * (np.abs(f[limit.columns]) + np.abs(expected[limit.rows])))
+    left = finite + around(2 * limit.w[:, None]) - around(off[:, None])
+    bound = limit.jacobi_step(f, f0, None, fidelity, 1.0)
+    bound += np.where(pinned | (left <= 0), 0, moved / np.where(left > 0, left, 1)) * (1 + 8 * limit.u)
+
+    device_f0 = backend.put(graph, f0)
+    device_lam = fidelity if lam == "number" else backend.put(graph, fidelity)
+    out = nan(backend, graph, m)
+    assert backend.similarity_step(graph, f, form, device_f0, device_lam, out=out) is out
+    actual = backend.get(graph, out)
+    assert_within(actual, expected, bound, "similarity_step")
+    again = backend.similarity_step(graph, f, form, device_f0, device_lam)
+    assert backend.get(graph, again).tobytes() == actual.tobytes()
+
+
+def test_infinite_lam_and_bare_distances():
+    """lam a number that is infinite: f0; weights that are the distances themselves: the composition."""
+    backend, graph = backends.get("warp:cpu"), cases.graph("grid")
+    f, f0 = cases.function(graph), cases.function(graph, seed=13)
+    case = PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True)
+    device_f0, form = backend.put(graph, f0), case.form(graph)
+    pinned = backend.similarity_step(graph, f, form, device_f0, float("inf"))
+    assert backend.get(graph, pinned).tobytes() == backend.get(graph, device_f0).tobytes()
+    bare = dataclasses.replace(form, scale=None)
+    weighted = backend.patch_distance(graph, f, bare)
+    composed = backend.jacobi_step(weighted, backend.put(graph, f), device_f0, None, 0.75)
+    fused = backend.similarity_step(graph, f, bare, device_f0, 0.75)
+    assert backend.get(graph, fused).tobytes() == backend.get(graph, composed).tobytes()
+
+
+def test_the_exponential_over_its_whole_range():
+    """From 1 down to the smallest normal number within bounds.EXP and the bare exponent's roundings, then 0."""
+    backend, tiny = backends.get("warp:cpu"), float(np.finfo(np.float32).tiny)
+    depth = np.linspace(0, 100, 4001, dtype=np.float32).astype(np.float64)
+    # pairs of cells: rho = (sqrt(depth))^2 between the two, weights of their one edge
+    graph = GridGraph((len(depth), 2), mask=None, metric="cityblock")
+    f = np.stack([np.zeros_like(depth), np.sqrt(depth).astype(np.float32)], axis=1).reshape(-1, 1)
+    form = PatchCase("", radius=0, scale=1.0).form(graph)
+    across = int(np.flatnonzero((graph.forward_offsets == [0, 1]).all(axis=1))[0])
+    w = backend.get_weights(backend.patch_distance(graph, f, form))[across][:, 0]
+    rho = f.reshape(-1, 2)[:, 1].astype(np.float64) ** 2
+    u = cases.UNIT_ROUNDOFF["float32"]
+    assert_within(w, np.exp(-rho), (bounds.EXP + 2 * rho) * u * np.exp(-rho) + tiny, "exp")
+    assert w[0] == 1 and w[-1] == 0
