@@ -19,7 +19,8 @@ lint: $(VENV)/.test-ready
 	$(BIN)/mypy
 
 bench: $(VENV)/.bench-ready
-	$(BIN)/python bench/run.py
+	mkdir -p bench/results
+	$(BIN)/python -m bench --json bench/results/bench.json --plot bench/results/bench.png
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

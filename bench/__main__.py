@@ -1,0 +1,7 @@
+"""``python -m bench`` runs the cases."""
+
+import sys
+
+from .run import main
+
+sys.exit(main())
