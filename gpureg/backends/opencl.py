@@ -36,6 +36,7 @@ from .base import (
     patch_jumps,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
+from .opencl_strips import Strips, exp2_scale
 
 GPU_TIER, CPU_TIER = 1, 2
 
@@ -136,6 +137,7 @@ class OpenCLBackend(Backend):
             self._options += ("-DSUM_DOUBLE",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
+        self._kept: cl.Buffer = None
 
     # Buffers
 
@@ -166,6 +168,15 @@ class OpenCLBackend(Backend):
         buffer = self._allocate(size * self.dtype.itemsize)
         cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
         return buffer
+
+    def _scratch(self, size: int) -> cl.Buffer:
+        """A buffer of at least so many numbers, of any content, for the work queued next; kept from one call to another.
+
+        The queue does one thing after the other, so that the next caller's work waits for this one's.
+        """
+        if self._kept is None or self._kept.size < size * self.dtype.itemsize:
+            self._kept = self._allocate(size * self.dtype.itemsize)
+        return self._kept
 
     def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         host = np.empty(size, dtype)
@@ -281,50 +292,107 @@ class OpenCLBackend(Backend):
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
 
+    def _launch_strips(
+        self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
+    ) -> None:
+        """Run a kernel over blocks of cells: on a CPU a group is one of them."""
+        local = (1, 1)
+        if strips.gpu:
+            local = (min(64, self.device.handle.max_work_group_size), 1)
+            size = (round_up(size[0], local[0]), size[1])
+        with self._shared.lock:
+            self._kernel(primitive, options)(self._shared.queue, size, local, *args)
+
+    def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
+        return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
+
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
-        topology = self._topology(graph)
-        padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
+        topology, f = self._topology(graph), np.asarray(f, self.dtype)
+        weights = self._zeros(topology.weight_size())
+        similarity = () if form.scale is None else ("-DSIMILARITY",)
+        if isinstance(topology, GridLayout):
+            assert isinstance(graph, GridGraph)
+            if topology.H:
+                strips = self._strips(graph, form, 1)
+                planes = self.upload(strips.planes(f))
+                half = np.ones(topology.H) if form.spatial is None else form.spatial
+                steps = graph.forward_offsets.astype(np.int32)
+                args = strips.args(self.upload, planes, steps, half, self.real)
+                args += [np.int64(topology.weight_pitch), np.int64(topology.weight_guard), weights]
+                options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
+                self._launch_strips("patch_distance", options, args, strips.size, strips)
+            return Weighted(graph, topology, weights)
+        padded, sites = padded_for_patches(graph, f, form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         jumps = patch_jumps(window.shape, shape)
-        # Packs at the border read a little past either end; the lanes concerned are not used.
-        margin = topology.reach + topology.width if isinstance(topology, GridLayout) else 0
-        flat = np.zeros((channels, padded[0].size + 2 * margin), self.dtype)
-        flat[:, margin : margin + padded[0].size] = padded.reshape(channels, -1)
-        options: tuple[str, ...] = (f"-DM={channels}",)
-        scale = 0.0 if form.scale is None else form.scale
-        if form.scale is not None:
-            options += ("-DSIMILARITY",)
-        args: list[Any] = [
-            self.upload(flat),
-            np.int64(flat.shape[1]),
+        spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
+        args = [
+            self.upload(padded),
+            np.int64(padded[0].size),
             np.int32(len(jumps)),
             self.upload(jumps),
             self.upload(window.ravel().astype(self.dtype)),
             self.real(form.shift),
-            self.real(scale),
+            self.real(exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))),
+            self.upload(sites),
+            spatial,
+            weights,
         ]
-        weights = self._zeros(topology.weight_size())
-        target = Weighted(graph, topology, None)
-        if isinstance(topology, GridLayout):
-            assert isinstance(graph, GridGraph)
-            if not topology.H:
-                return Weighted(graph, topology, weights)
-            rows = margin + sites.reshape(topology.rows, topology.W)[:, 0].astype(np.int64)
-            spatial = np.ones(topology.H) if form.spatial is None else form.spatial
-            args += [self.upload(rows), self.upload(spatial.astype(self.dtype)), self._nothing, weights]
-            if graph.mask is not None:
-                args[-2] = self.put(graph, graph.mask.reshape(-1, 1).astype(self.dtype)).buffer
-                options += ("-DMASKED",)
-            packs, n_rows = topology.global_size
-            self._run("patch_distance", target, args, options, (packs, topology.H, n_rows))
-        else:
-            spatial_buffer = self._nothing
-            if form.spatial is not None:
-                spatial_buffer = self.upload(form.spatial.astype(self.dtype))
-                options += ("-DSPATIAL",)
-            self._run("patch_distance", target, [*args, self.upload(sites), spatial_buffer, weights], options)
+        options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
+        self._run("patch_distance", Weighted(graph, topology, None), args, options)
         return Weighted(graph, topology, weights)
+
+    def similarity_step(
+        self,
+        graph: GridGraph,
+        f: FloatArray,
+        form: PatchForm,
+        f0: Array,
+        lam: float | Array,
+        *,
+        guide: FloatArray | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        if form.scale is None:
+            return super().similarity_step(graph, f, form, f0, lam, guide=guide, out=out)
+        layout = self._topology(graph)
+        assert isinstance(layout, GridLayout)
+        M = f.shape[1]
+        out = self.empty(graph, M) if out is None else out
+        strips = self._strips(graph, form, 1 + M)
+        values = self.upload(strips.planes(np.asarray(f, self.dtype)))
+        compared, Q = values, M
+        if guide is not None:
+            compared, Q = self.upload(strips.planes(np.asarray(guide, self.dtype))), guide.shape[1]
+        lams, lam_options = self._lam(lam)
+        function = [
+            np.int64(layout.pitch),
+            np.int64(layout.plane),
+            np.int64(layout.guard),
+            f0.buffer,
+            *lams,
+            out.buffer,
+        ]
+        options = (*strips.options(Q), f"-DM={M}")
+        pairs = graph.ndim == 2 and not strips.gpu
+        args = [*strips.args(self.upload, compared, *strips.offsets(pairs), self.real), values]
+        if not pairs:
+            self._launch_strips("similarity_step", (*options, *lam_options), [*args, *function], strips.size, strips)
+            return out
+        slots = strips.slots()
+        options += (f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
+        blocks, ring = np.int32(slots.blocks), np.int32(slots.ring)
+        sizes = [np.int32(s) for s in graph.shape]
+        with self._shared.lock:
+            buffer = self._scratch(slots.ring * slots.blocks * slots.size)
+            for first in range(0, slots.strips, slots.at_once):
+                size = (slots.blocks, min(slots.at_once, slots.strips - first))
+                place = [np.int32(first), blocks, ring, buffer]
+                self._launch_strips("similarity_step", (*options, "-DPAIRS"), [*args, *place], size, strips)
+                finish = [*sizes, *place, *function]
+                self._launch_strips("similarity_step", (*options, *lam_options, "-DSLOTS"), finish, size, strips)
+        return out
 
     def degree(self, weighted: Weighted) -> Array:
         out = self.empty(weighted.graph, 1)

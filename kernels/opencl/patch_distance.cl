@@ -6,28 +6,56 @@
  * f comes padded by the patch's radius (numpy's "reflect"), so that no read of a patch leaves it: one work item never
  * asks where the border is.
  *
- * Grid: one work item gives a pack of N weights, of one forward offset h, in the layout of grid.cl, the zeros that lead
- * out of the grid or the mask included. CSR: one work item gives the weights of all edges of one vertex; `site` is where
- * its patch is centred in the padded f.
- * Traffic per edge of a patch of P offsets: reads 2 P M values, nearly all from the cache; writes one number.
- * Arithmetic per edge: 3 P M operations. (A kernel whose cost is independent of P is possible for flat patches.)
+ * Grid: one work item gives the weights of all forward offsets on a block of cells (strip.cl says how, and at what
+ * arithmetic), in the layout of grid.cl, the zeros that lead out of the grid or the mask included.
+ * CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred in the padded f.
+ * Traffic per edge of a patch of P offsets: on a grid all from the cache, on CSR reads 2 P M values, nearly all from the
+ * cache; writes one number. Arithmetic per edge on CSR: 3 P M operations.
  */
 #ifdef GRID
-#include "grid.cl"
+#include "strip.cl"
 #else
 #include "csr.cl"
-#endif
 
 #ifndef M
 #define M 1
 #endif
-
-#ifdef SIMILARITY
-#define EPILOGUE(rho, spatial) ((spatial) * exp(-fmax((rho) - shift, (realN)(0)) * scale))
-#else
-#define EPILOGUE(rho, spatial) (rho)
 #endif
 
+#ifdef GRID
+#ifdef SIMILARITY
+#define WEIGHT(rho, spatial) similarity(rho, spatial, shift, scale)
+#else
+#define WEIGHT(rho, spatial) (rho)
+#endif
+
+ALONE __kernel void patch_distance(
+    STRIP_ARGS,
+    const long weight_pitch,           /* of the weights, which lie as grid.cl says */
+    const long weight_guard,
+    /* output */
+    __global real *out)                /* weights */
+{
+    STRIP_PLACE
+    if (x0 >= width_) return;
+    realN down[S * WIDE], rho[B];
+    for (int k = 0; k < n_offsets; ++k) {
+        STRIP_OFFSET(k)
+        if (from < until) SUM_DOWN;
+        for (int y = 0; y < rows; ++y) {
+            __global real *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
+            const bool has = from <= y && y < until;
+            if (has) sum_along(down + y * WIDE, profile, rho);
+            for (int p = 0; p < B && x0 + p * N < width_; ++p) {
+                const long u = centre0 + y * padded_pitch + p * N;
+                realN w = 0;
+                if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], spatial[k]), u, u + ahead, x0 + p * N);
+                STORE(to, p * N, w);
+            }
+        }
+    }
+}
+#else
 #define PATCH_ARGS                                                                                                   \
     __global const real *padded,       /* M channels of padded_plane values each */                                  \
     const long padded_plane,                                                                                         \
@@ -35,7 +63,13 @@
     __global const long *patch_jumps,  /* (n_patch,): steps inside padded */                                         \
     __global const real *g,            /* (n_patch,) */                                                              \
     const real shift,                                                                                                \
-    const real scale
+    const real scale                   /* -log2(e)/h^2 */
+
+#ifdef SIMILARITY
+#define EPILOGUE(rho, spatial) ((spatial) * exp2_scaled(fmax((rho) - shift, (realN)(0)), scale))
+#else
+#define EPILOGUE(rho, spatial) (rho)
+#endif
 
 static inline realN patch_distance_between(
     __global const real *padded, const long padded_plane, const int n_patch, __global const long *patch_jumps,
@@ -51,33 +85,6 @@ static inline realN patch_distance_between(
     return rho;
 }
 
-#ifdef GRID
-__kernel void patch_distance(
-    GRAPH_ARGS,
-    PATCH_ARGS,
-    __global const long *padded_rows,  /* (n_rows,): where the patch of each row's first cell is centred in padded */
-    __global const real *spatial,      /* (H,) */
-    __global const real *mask,         /* 1 channel, 1 inside; not read without MASKED */
-    /* output */
-    __global real *out)                /* weights, in the layout of grid.cl */
-{
-    if ((int)get_global_id(0) * N >= width) return;
-    const int h = get_global_id(1), k = H + h;
-    PACK_AT((int)get_global_id(0) * N, (int)get_global_id(2))
-    const int step = offsets[k * NDIM + NDIM - 1];
-    realN w = 0;
-    if (ROW_EXISTS(k)) {
-        const int row_v = row + row_jumps[k];
-        const realN rho = patch_distance_between(
-            padded, padded_plane, n_patch, patch_jumps, g, padded_rows[row] + x, padded_rows[row_v] + x + step);
-        w = WHERE(used && x + LANES + step >= 0 && x + LANES + step < width, EPILOGUE(rho, spatial[h]));
-#ifdef MASKED
-        w = WHERE(LOAD(mask, u) > 0 && LOAD(mask, guard + row_v * pitch + x + step) > 0, w);
-#endif
-    }
-    STORE(out, weight_guard + ((long)row * H + h) * weight_pitch + x, w);
-}
-#else
 __kernel void patch_distance(
     GRAPH_ARGS,
     PATCH_ARGS,

@@ -1,0 +1,205 @@
+"""How data lie for the OpenCL kernels over blocks of a grid's cells: what ``strip.cl`` expects."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graph import FloatArray, GridGraph
+from .base import PatchForm, padded_for_patches
+from .opencl_layout import Upload, round_up
+
+# On a CPU, rows of a block, and packs of its rows times sums per cell: what a work item keeps fits the second cache.
+_ROWS, _PACKS = 32, 16
+# On a GPU, rows that one thread goes down.
+_GPU_ROWS = 8
+
+# Bytes of the slots in which weights computed once for both their ends leave their sums: they stay in the last cache.
+_SLOT_BYTES = 1 << 25
+
+# A row as long as this, or a multiple, puts neighbouring rows in the same places of a cache.
+_ALIASING_BYTES = 1 << 12
+
+
+def strip_rows(ndim: int, gpu: bool) -> int:
+    """Rows of a block; bands of a picture that begin at multiples of it are cut into the same blocks as the whole."""
+    return 1 if ndim == 1 else _GPU_ROWS if gpu else _ROWS
+
+
+@dataclass(frozen=True)
+class Slots:
+    """The slots of a step whose weights are computed once for both ends, and the launches that share them.
+
+    Attributes
+    ----------
+    reach : int
+        Rows from a cell to its farthest neighbour.
+    side : int
+        Cells of a slot's row on either side of the block.
+    blocks, strips : int
+        Blocks of a strip; strips.
+    size : int
+        Numbers in a slot.
+    at_once : int
+        Strips of one launch.
+    ring : int
+        Strips that there are slots for: those of a launch and those above that reach into them.
+    """
+
+    reach: int
+    side: int
+    blocks: int
+    strips: int
+    size: int
+    at_once: int
+    ring: int
+
+
+@dataclass(frozen=True)
+class Strips:
+    """A grid cut into blocks of S rows of B packs of N cells, for patches of one form.
+
+    Parameters
+    ----------
+    graph : GridGraph
+    form : PatchForm
+    lanes : int
+        N.
+    itemsize : int
+        Bytes of a number.
+    gpu : bool
+    sums : int
+        Sums that a work item keeps per cell.
+    """
+
+    graph: GridGraph
+    form: PatchForm
+    lanes: int
+    itemsize: int
+    gpu: bool
+    sums: int
+
+    @property
+    def rows(self) -> int:
+        """S."""
+        return strip_rows(self.graph.ndim, self.gpu)
+
+    @property
+    def packs(self) -> int:
+        """B, a power of two; one block is enough where a row has few packs."""
+        if self.gpu:
+            return 1
+        most, in_row = _PACKS // self.sums, -(-self.graph.shape[-1] // self.lanes)
+        packs = 1
+        while 2 * packs <= most and packs < in_row:
+            packs *= 2
+        return packs
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Blocks of a row, and strips."""
+        shape = self.graph.shape
+        strips = math.prod(shape[:-2]) * -(-(shape[-2] if len(shape) > 1 else 1) // self.rows)
+        return -(-shape[-1] // (self.packs * self.lanes)), strips
+
+    @property
+    def reach(self) -> int:
+        """Cells of a row from one to its farthest neighbour."""
+        return int(np.abs(self.graph.offsets[:, -1]).max(initial=0))
+
+    @property
+    def pitch(self) -> int:
+        """Numbers in a padded row."""
+        wide = self.graph.shape[-1] + 4 * self.form.radius + (self.packs + 2) * self.lanes
+        pitch = round_up(wide, self.lanes) + 2 * round_up(self.reach, self.lanes)
+        return pitch if pitch * self.itemsize % _ALIASING_BYTES else pitch + self.lanes
+
+    @property
+    def left(self) -> int:
+        """Zeros in a padded row before its first patch."""
+        return round_up(self.reach, self.lanes)
+
+    def options(self, channels: int) -> tuple[str, ...]:
+        """Build options, for patches that compare so many channels."""
+        form = self.form
+        options = [f"-DNDIM={self.graph.ndim}", f"-DN={self.lanes}", f"-DS={self.rows}", f"-DB={self.packs}"]
+        options += [f"-DR={form.radius}", f"-DQ={channels}"]
+        options += ["-DFLAT"] if bool((form.profile == 1).all()) else []
+        options += ["-DSHIFTED_DISTANCE"] if form.scale is not None and form.shift != 0 else []
+        options += ["-DSPATIAL"] if form.spatial is not None else []
+        options += ["-DMASKED"] if self.graph.mask is not None else []
+        return tuple(options)
+
+    def planes(self, f: FloatArray) -> FloatArray:
+        """A host function (n, channels) as padded planes, in the type it has."""
+        padded, _ = padded_for_patches(self.graph, f, self.form.radius)
+        planes = np.zeros((*padded.shape[:-1], self.pitch), f.dtype)
+        planes[..., self.left : self.left + padded.shape[-1]] = padded
+        return planes
+
+    def inside(self, dtype: npt.DTypeLike) -> FloatArray:
+        """The mask as a padded plane, 0 around it."""
+        mask = self.graph.mask
+        assert mask is not None
+        r = self.form.radius
+        within = np.pad(mask, r)
+        plane = np.zeros((*within.shape[:-1], self.pitch), dtype)
+        plane[..., self.left : self.left + within.shape[-1]] = within
+        return plane
+
+    def offsets(self, pairs: bool) -> tuple[npt.NDArray[np.int32], FloatArray]:
+        """The whole window and its spatial factor, or for `pairs` its forward half, ordered by the last axis."""
+        graph = self.graph
+        half = np.ones(graph.half_window) if self.form.spatial is None else self.form.spatial
+        if pairs:
+            order = np.argsort(graph.forward_offsets[:, -1], kind="stable")
+            return graph.forward_offsets[order].astype(np.int32), half[order]
+        return graph.offsets.astype(np.int32), np.concatenate([half[::-1], half])
+
+    def args(
+        self, upload: Upload, guide: Any, steps: npt.NDArray[np.int32], spatial: FloatArray, real: Any
+    ) -> list[Any]:
+        """The kernel arguments STRIP_ARGS, for padded planes `guide` that are on the device."""
+        graph, form, r = self.graph, self.form, self.form.radius
+        padded = tuple(s + 2 * r for s in graph.shape[:-1])
+        # The patch along the leading axes of a grid of three axes and more, as steps in padded numbers.
+        leading = form.window(max(graph.ndim - 2, 0))
+        strides = np.array([math.prod(padded[a + 1 :]) for a in range(leading.ndim)], np.int64) * self.pitch
+        lines = strides @ (np.indices(leading.shape).reshape(leading.ndim, leading.size) - r)
+        scale = 0.0 if form.scale is None else form.scale
+        largest = float(np.finfo(real).max)
+        return [
+            guide,
+            np.int64(math.prod(padded) * self.pitch),
+            np.int64(self.pitch),
+            np.int64(self.left),
+            upload(self.inside(real)) if graph.mask is not None else guide,
+            upload(np.array(graph.shape, np.int32)),
+            np.int32(len(steps)),
+            upload(steps),
+            upload(spatial.astype(real)),
+            np.int32(leading.size),
+            upload(np.atleast_1d(lines).astype(np.int64)),
+            upload(leading.ravel().astype(real)),
+            upload(form.profile.astype(real)),
+            real(form.shift),
+            real(exp2_scale(scale, largest)),
+        ]
+
+    def slots(self) -> Slots:
+        """The slots of a step over pairs."""
+        blocks, strips = self.size
+        reach = int(np.abs(self.graph.offsets[:, 0]).max(initial=0))
+        side = round_up(max(self.reach, 1), self.lanes)
+        size = (self.rows + reach) * self.sums * (self.packs * self.lanes + 2 * side)
+        at_once = min(strips, max(1, _SLOT_BYTES // (blocks * size * self.itemsize)))
+        return Slots(reach, side, blocks, strips, size, at_once, at_once + -(-reach // self.rows))
+
+
+def exp2_scale(scale: float, largest: float) -> float:
+    """The factor of a distance in a power of two, within the type: infinity times a distance of 0 is no number."""
+    return -min(scale * math.log2(math.e), largest)

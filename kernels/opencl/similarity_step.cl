@@ -1,0 +1,178 @@
+/* One sweep of the Gauss-Jacobi process at p = 2 on a grid, with weights that are never stored    (eq. 25, section 5.2)
+ *
+ *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
+ *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
+ *
+ * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is infinite,
+ * or the denominator is not above SMALLEST, out = f0.
+ *
+ * One work item: a block of cells (strip.cl). By default it sums over the whole window of its cells. On two axes a CPU
+ * takes two launches instead, in which each weight is computed once for both its ends:
+ *   PAIRS   over the forward half of the window, ordered by its last axis; a work item adds a weight's part to both ends, in
+ *           sums of its own that reach beyond its block, and leaves these in a slot of `slots`: no two work items write
+ *           one number. For one step dx along the rows, the sums of the far ends stay in the lanes of the near ones (`far`);
+ *           they are moved by dx once, not at every offset.
+ *   SLOTS   adds for each cell of a block the slots that reach it, in a fixed order, and finishes.
+ * Traffic per vertex: nearly all from the cache but M + Q values, lam and f0; writes M numbers; with PAIRS about 4 (1 + M)
+ * numbers of slots more, written and read.
+ * Arithmetic per edge: strip.cl's, 11 for the exponential, and 1 + 2 M; with PAIRS per two edges, but twice 1 + 2 M.
+ */
+#include "strip.cl"
+
+#ifndef M
+#define M 1
+#endif
+#ifndef REACH
+#define REACH 1 /* PAIRS, SLOTS: rows from a cell to its farthest neighbour */
+#endif
+#ifndef SIDE
+#define SIDE N /* PAIRS, SLOTS: cells of a slot's row on either side of the block, a multiple of N */
+#endif
+
+#define SUMS (1 + M)                             /* of the weights, and of each channel */
+#define SLOT_PITCH (B * N + 2 * SIDE)            /* a row of one of the sums in a slot */
+#define SLOT ((S + REACH) * SUMS * SLOT_PITCH)   /* numbers in a slot */
+
+#define FUNCTION_ARGS                                                                                                \
+    const long pitch,                  /* of functions, which lie as grid.cl says */                                 \
+    const long plane,                                                                                                \
+    const long guard,                                                                                                \
+    __global const real *f0,           /* M channels */                                                              \
+    __global const real *lams,         /* 1 channel; not read without LAM_ARRAY */                                   \
+    const real lam_,                   /* not read with LAM_ARRAY */                                                 \
+    /* output */                                                                                                     \
+    __global real *out                 /* M channels; not f */
+
+#define SLOT_ARGS                                                                                                    \
+    const int first,                   /* strip of the launch's first work item */                                   \
+    const int blocks,                  /* in a strip */                                                              \
+    const int ring                     /* strips that there are slots for; strip i has those of i modulo ring */
+
+/* The new value of the pack x of row `row` from half its sums of weights and of weighted values. */
+static inline void finish(
+    const realN total, const realN *pull, const int x, const long row, const int width,
+    const long pitch, const long plane, const long guard,
+    __global const real *f0, __global const real *lams, const real lam_, __global real *out)
+{
+    const long u = guard + row * pitch + x;
+#ifdef LAM_ARRAY
+    const realN lam = LOAD(lams, u);
+#else
+    const realN lam = (realN)(lam_);
+#endif
+    const realN denominator = lam + 2 * total;
+    const laneN keeps_data = isinf(lam) || !(denominator > SMALLEST);
+    for (int c = 0; c < M; ++c) {
+        const realN data = LOAD(f0, u + c * plane);
+        const realN moved = (lam * data + 2 * pull[c]) / denominator;
+        STORE(out, u + c * plane, WHERE(x + LANES < width, keeps_data ? data : moved));
+    }
+}
+#define FINISH(total, pull, x, row) finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, out)
+
+#ifdef SLOTS
+ALONE __kernel void similarity_step(
+    const int height_,
+    const int width_,
+    SLOT_ARGS,
+    __global const real *slots,        /* ring * blocks slots */
+    FUNCTION_ARGS)
+{
+    const int block = (int)get_global_id(0), strip = first + (int)get_global_id(1);
+    const int above = (REACH + S - 1) / S, beside = (SIDE + B * N - 1) / (B * N);
+    const int rows = min(S, height_ - strip * S);
+    for (int y = 0; y < rows; ++y)
+        for (int p = 0; p < B; ++p) {
+            const int x = (block * B + p) * N;
+            if (x >= width_) break;
+            realN sum[SUMS];
+            for (int c = 0; c < SUMS; ++c) sum[c] = 0;
+            for (int i = max(0, strip - above); i <= strip; ++i) {
+                const int row = y + (strip - i) * S;
+                if (row >= S + REACH) continue;
+                for (int j = max(0, block - beside); j <= min(blocks - 1, block + beside); ++j) {
+                    const int column = SIDE + (block - j) * B * N + p * N;
+                    if (column < 0 || column >= SLOT_PITCH) continue;
+                    __global const real *slot = slots + ((long)(i % ring) * blocks + j) * SLOT;
+                    for (int c = 0; c < SUMS; ++c) sum[c] += LOAD(slot, (row * SUMS + c) * SLOT_PITCH + column);
+                }
+            }
+            FINISH(sum[0], sum + 1, x, (long)strip * S + y);
+        }
+}
+#elif defined(PAIRS)
+ALONE __kernel void similarity_step(
+    STRIP_ARGS,
+    __global const real *f,            /* M planes, as the guide's */
+    SLOT_ARGS,
+    /* output */
+    __global real *slots)              /* ring * blocks slots */
+{
+    STRIP_PLACE
+    __global real *slot = slots + ((long)(strip % ring) * blocks + get_global_id(0)) * SLOT;
+    realN near[S * B * SUMS], far[(S + REACH) * B * SUMS], down[S * WIDE], rho[B];
+    for (int i = 0; i < S * B * SUMS; ++i) near[i] = 0;
+    for (int i = 0; i < (S + REACH) * B * SUMS; ++i) far[i] = 0;
+    for (int i = 0; i < SLOT; i += N) STORE(slot, i, (realN)(0));
+    for (int k = 0; k < n_offsets; ++k) {
+        STRIP_OFFSET(k)
+        if (from < until) SUM_DOWN;
+        for (int y = from; y < until; ++y) {
+            sum_along(down + y * WIDE, profile, rho);
+#pragma unroll
+            for (int p = 0; p < B; ++p) {
+                const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
+                const realN w = PRESENT_WEIGHT(similarity(rho[p], spatial[k], shift, scale), u, v, x0 + p * N);
+                realN *at_u = near + (y * B + p) * SUMS, *at_v = far + ((y + dy) * B + p) * SUMS;
+                at_u[0] += w;
+                at_v[0] += w;
+                for (int c = 0; c < M; ++c) {
+                    at_u[1 + c] += w * LOAD(f, c * padded_plane + v);
+                    at_v[1 + c] += w * LOAD(f, c * padded_plane + u);
+                }
+            }
+        }
+        if (k + 1 < n_offsets && steps[(k + 1) * NDIM + NDIM - 1] == dx) continue;
+        for (int i = 0; i < (S + REACH) * B; ++i)
+            for (int c = 0; c < SUMS; ++c) {
+                const int to = (i / B * SUMS + c) * SLOT_PITCH + SIDE + i % B * N + dx;
+                STORE(slot, to, LOAD(slot, to) + far[i * SUMS + c]);
+                far[i * SUMS + c] = 0;
+            }
+    }
+    for (int i = 0; i < S * B; ++i)
+        for (int c = 0; c < SUMS; ++c) {
+            const int to = (i / B * SUMS + c) * SLOT_PITCH + SIDE + i % B * N;
+            STORE(slot, to, LOAD(slot, to) + near[i * SUMS + c]);
+        }
+}
+#else
+ALONE __kernel void similarity_step(
+    STRIP_ARGS,
+    __global const real *f,            /* M planes, as the guide's */
+    FUNCTION_ARGS)
+{
+    STRIP_PLACE
+    if (x0 >= width_) return;
+    realN total[S * B], pull[S * B * M], down[S * WIDE], rho[B];
+    for (int i = 0; i < S * B; ++i) total[i] = 0;
+    for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
+    for (int k = 0; k < n_offsets; ++k) {
+        STRIP_OFFSET(k)
+        if (from < until) SUM_DOWN;
+        for (int y = from; y < until; ++y) {
+            sum_along(down + y * WIDE, profile, rho);
+#pragma unroll
+            for (int p = 0; p < B; ++p) {
+                const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
+                const realN w = PRESENT_WEIGHT(similarity(rho[p], spatial[k], shift, scale), u, v, x0 + p * N);
+                total[y * B + p] += w;
+                for (int c = 0; c < M; ++c) pull[(y * B + p) * M + c] += w * LOAD(f, c * padded_plane + v);
+            }
+        }
+    }
+    for (int y = 0; y < rows; ++y)
+        for (int p = 0; p < B && x0 + p * N < width_; ++p)
+            FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y);
+}
+#endif

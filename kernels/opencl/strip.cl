@@ -1,0 +1,291 @@
+/* rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2 for a block of cells u, one offset of the window after the other
+ *                                                                                                  (section 5.2)
+ * g is an outer product of one profile, so rho is a sum down the columns of the patch, then one along its rows: a few
+ * additions per cell instead of one per cell of the patch. All terms are non-negative and none is ever taken off again,
+ * so that a small distance beside a large one keeps its digits, and a cell's sums are grouped the same way wherever in
+ * its block it lies, so that a picture cut into parts gives the bits of the whole.
+ *
+ * A block is S rows, down the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` goes down
+ * each column of packs with the last rows in registers and leaves the sums down the patches in `down`; `sum_along` turns
+ * a row of these into distances. FLAT, g = 1: a sum of 2 R + 1 numbers is made of sums of 1, 2, 4 and 8, of which each
+ * takes one addition of two of half the length. Otherwise each term has its weight: 2 R + 1 multiply-adds.
+ * A GPU takes N = B = 1: one thread a column.
+ *
+ * f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row, by
+ * zeros on both sides that reach as far as the window and a block: no read asks where the border is, and the weights of
+ * what was read beyond it become 0.
+ * Arithmetic per edge, flat: 3 M + 8 operations for patches of side 7, times (1 + 2 R/S) (1 + 1/B) for the overlap.
+ */
+#ifndef STRIP_CL
+#define STRIP_CL
+#include "reals.cl"
+
+#ifndef NDIM
+#define NDIM 2
+#endif
+#ifndef R
+#define R 0 /* radius of the patch */
+#endif
+#ifndef S
+#define S 1 /* rows of a block */
+#endif
+#ifndef B
+#define B 1 /* packs in a row of a block */
+#endif
+#ifndef Q
+#define Q 1 /* channels that the patches compare */
+#endif
+
+/* A CPU gets groups of one work item: a group of more would keep as many copies of its arrays. */
+#if N > 1
+#define ALONE __attribute__((reqd_work_group_size(1, 1, 1)))
+#else
+#define ALONE
+#endif
+
+#define DOWN (NDIM > 1 ? R : 0)               /* radius of the patch across the rows */
+#define WIDE (B + (2 * R + N - 1) / N)        /* packs in a row of `down` */
+
+#define STRIP_ARGS                                                                                                   \
+    __global const real *guide,        /* Q planes of padded rows: what the patches compare */                       \
+    const long padded_plane,           /* from a channel to the next */                                              \
+    const long padded_pitch,           /* from a row to the next */                                                  \
+    const long left,                   /* from the start of a padded row to the patch of its first cell */           \
+    __global const real *inside,       /* one plane: 1 in the grid's mask, 0 elsewhere; read with MASKED */                   \
+    __global const int *sizes,         /* (NDIM,): of the grid's axes */                                             \
+    const int n_offsets,                                                                                             \
+    __global const int *steps,         /* (n_offsets, NDIM) */                                                       \
+    __global const real *spatial,      /* (n_offsets,): s */                                                         \
+    const int n_lines,                                                                                               \
+    __global const long *lines,        /* (n_lines,): the patch along the leading axes, as steps in padded */        \
+    __global const real *line_weights, /* (n_lines,): and the part of g there */                                     \
+    __global const real *profile,      /* (2 R + 1,): g along one axis; not read with FLAT */                        \
+    const real shift,                                                                                                \
+    const real scale                   /* -log2(e)/h^2 */
+
+#ifdef PAIRS
+#define FIRST_STRIP first
+#else
+#define FIRST_STRIP 0
+#endif
+
+/* This work item's block: coordinates `lead` of its rows along the leading axes, its first row y0 and cell x0, how many
+ * rows it has, `cell_row`, the number of its first row in functions without padding, and `padded0`, where the patch of its
+ * first cell begins in a padded plane. */
+#define STRIP_PLACE                                                                                                  \
+    const int height = NDIM > 1 ? sizes[NDIM > 1 ? NDIM - 2 : 0] : 1, width_ = sizes[NDIM - 1];                      \
+    const int strips = (height + S - 1) / S, strip = FIRST_STRIP + (int)get_global_id(1);                                          \
+    const int y0 = strip % strips * S, x0 = (int)get_global_id(0) * (B * N);                                         \
+    int lead[NDIM]; /* not read on two axes */                                                                                                  \
+    for (int a = NDIM - 3, rest = strip / strips; a >= 0; rest /= sizes[a], --a) lead[a] = rest % sizes[a];          \
+    long padded_row = 0;                                                                                             \
+    for (int a = 0; a < NDIM - 2; ++a) padded_row = padded_row * (sizes[a] + 2 * R) + lead[a] + R;                   \
+    padded_row = padded_row * (height + 2 * DOWN) + y0;                                                              \
+    const int rows = min(S, height - y0);                                                                            \
+    const long cell_row = (long)(strip / strips) * height + y0;                                                      \
+    const long padded0 = padded_row * padded_pitch + left + x0;                                                      \
+    const long centre0 = padded0 + DOWN * padded_pitch + R;
+
+/* Of offset k: from .. until, the rows of the block whose neighbours are rows of the grid, and `ahead`, the way to these in
+ * a padded plane. `leaves`: some of the block's cells or neighbours may be beyond the ends of the rows. */
+#define STRIP_OFFSET(k)                                                                                              \
+    __global const int *step = steps + (k) * NDIM;                                                                   \
+    const int dx = step[NDIM - 1], dy = NDIM > 1 ? step[NDIM > 1 ? NDIM - 2 : 0] : 0;                                \
+    bool there = true;                                                                                               \
+    long jump = 0;                                                                                                   \
+    for (int a = 0; a < NDIM - 2; ++a) {                                                                             \
+        there = there && lead[a] + step[a] >= 0 && lead[a] + step[a] < sizes[a];                                     \
+        jump = jump * (sizes[a] + 2 * R) + step[a];                                                                  \
+    }                                                                                                                \
+    jump = jump * (height + 2 * DOWN) + dy;                                                                          \
+    const int from = max(0, -(y0 + dy)), until = there ? min(rows, height - y0 - dy) : 0;                            \
+    const long ahead = jump * padded_pitch + dx;                                                                     \
+    const bool leaves = min(x0, x0 + dx) < 0 || max(x0, x0 + dx) + B * N > width_;
+
+/* Whether the cells at x of a row are cells of the grid. */
+#define ON_ROW(x) ((x) + LANES >= 0 && (x) + LANES < width_)
+
+/* Lanes s .. s + N - 1 of the 2 N lanes of a and b; s is a constant, at most N. */
+#if N == 16
+#define SHIFTED(a, b, s)                                                                                             \
+    shuffle2(a, b, (AS_MASK)(s, s + 1, s + 2, s + 3, s + 4, s + 5, s + 6, s + 7, s + 8, s + 9, s + 10, s + 11,        \
+                             s + 12, s + 13, s + 14, s + 15))
+#elif N == 8
+#define SHIFTED(a, b, s) shuffle2(a, b, (AS_MASK)(s, s + 1, s + 2, s + 3, s + 4, s + 5, s + 6, s + 7))
+#endif
+#ifdef DOUBLE
+#define AS_MASK CONCATENATE(ulong, N)
+#else
+#define AS_MASK CONCATENATE(uint, N)
+#endif
+
+/* Differences squared, over channels and the patch's leading axes, of a pack at `at` and its neighbours. */
+static inline realN squares(
+    __global const real *at, const long ahead, const long padded_plane,
+    const int n_lines, __global const long *lines, __global const real *line_weights)
+{
+#if NDIM > 2
+    realN sum = 0;
+    for (int i = 0; i < n_lines; ++i) {
+        realN square = 0;
+        for (int c = 0; c < Q; ++c) {
+            __global const real *here = at + lines[i] + c * padded_plane;
+            const realN d = LOAD(here, 0) - LOAD(here, ahead);
+            square += d * d;
+        }
+        sum += line_weights[i] * square;
+    }
+    return sum;
+#else
+    realN sum = 0;
+    for (int c = 0; c < Q; ++c) {
+        const realN d = LOAD(at, c * padded_plane) - LOAD(at, c * padded_plane + ahead);
+        sum = c == 0 ? d * d : sum + d * d;
+    }
+    return sum;
+#endif
+}
+#define SQUARES(at) squares(at, ahead, padded_plane, n_lines, lines, line_weights)
+
+/* A sum of 2 R + 1 neighbouring numbers from sums of 1, 2, 4 and 8 of them: SUM1(l) is the number l places before the last,
+ * SUM2(l) it and the one before, and so on. */
+#if R == 1
+#define PATCH_SUM (SUM2(0) + SUM1(2))
+#elif R == 2
+#define PATCH_SUM (SUM4(0) + SUM1(4))
+#elif R == 3
+#define PATCH_SUM ((SUM4(0) + SUM2(4)) + SUM1(6))
+#elif R == 4
+#define PATCH_SUM (SUM8(0) + SUM1(8))
+#elif R == 5
+#define PATCH_SUM ((SUM8(0) + SUM2(8)) + SUM1(10))
+#else
+#undef FLAT /* R = 0 needs none; larger patches go term by term */
+#endif
+
+/* The sums down the patches of the block's rows from .. until, for `ahead`, into down[y * WIDE + pack]. */
+static inline void sum_down(
+    __global const real *first, const long padded_pitch, const long padded_plane, const long ahead,
+    const int from, const int until, const int n_lines, __global const long *lines, __global const real *line_weights,
+    __global const real *profile, realN *down)
+{
+    for (int p = 0; p < WIDE; ++p) {
+        __global const real *at = first + from * padded_pitch + p * N;
+#if R == 0 || NDIM == 1
+        for (int y = from; y < until; ++y, at += padded_pitch) down[y * WIDE + p] = SQUARES(at);
+#else
+        /* the last rows of squares; the shifts below are renamings of registers */
+        realN row[2 * R + 1];
+#pragma unroll
+        for (int i = 0; i <= 2 * R; ++i) row[i] = 0;
+#ifdef FLAT
+        realN two[2 * R + 1], four[2 * R + 1];
+#pragma unroll
+        for (int i = 0; i <= 2 * R; ++i) two[i] = four[i] = 0;
+#define SUM1(l) row[l]
+#define SUM2(l) two[l]
+#define SUM4(l) four[l]
+#define SUM8(l) (four[0] + four[4])
+#endif
+        for (int q = from - 2 * R; q < until; ++q, at += padded_pitch) {
+#pragma unroll
+            for (int i = 2 * R; i > 0; --i) row[i] = row[i - 1];
+            row[0] = SQUARES(at);
+#ifdef FLAT
+#pragma unroll
+            for (int i = 2 * R; i > 0; --i) two[i] = two[i - 1];
+            two[0] = row[0] + row[1];
+#if R >= 2
+#pragma unroll
+            for (int i = 2 * R; i > 0; --i) four[i] = four[i - 1];
+            four[0] = two[0] + two[2];
+#endif
+            if (q >= from) down[q * WIDE + p] = PATCH_SUM;
+#else
+            if (q >= from) {
+                realN sum = profile[0] * row[2 * R];
+#pragma unroll
+                for (int i = 1; i <= 2 * R; ++i) sum += profile[i] * row[2 * R - i];
+                down[q * WIDE + p] = sum;
+            }
+#endif
+        }
+#undef SUM1
+#undef SUM2
+#undef SUM4
+#undef SUM8
+#endif
+    }
+}
+#define SUM_DOWN                                                                                                     \
+    sum_down(guide + padded0, padded_pitch, padded_plane, ahead, from, until, n_lines, lines, line_weights, profile, down)
+
+/* Distances of the B packs of a row from the sums down its patches. */
+static inline void sum_along(const realN *c, __global const real *profile, realN *rho)
+{
+#if R == 0
+    for (int p = 0; p < B; ++p) rho[p] = c[p];
+#elif defined(FLAT) && N >= 8 && 2 * R <= N
+    /* In the top lanes of sums that reach into the next pack stand numbers of no meaning, which no shift brings down. */
+    realN here = c[0], next = c[1], here2 = here + SHIFTED(here, next, 1);
+#pragma unroll
+    for (int p = 0; p < B; ++p) {
+        const realN after = c[p + 2 < WIDE ? p + 2 : WIDE - 1];
+        const realN next2 = next + SHIFTED(next, after, 1);
+#define SUM1(l) SHIFTED(here, next, l)
+#define SUM2(l) ((l) == 0 ? here2 : SHIFTED(here2, next2, l))
+#define SUM4(l) here4
+#define SUM8(l) here8
+#if R >= 2
+        const realN here4 = here2 + SHIFTED(here2, next2, 2);
+#endif
+#if R >= 4
+        const realN next4 = next2 + SHIFTED(next2, next2, 2);
+        const realN here8 = here4 + SHIFTED(here4, next4, 4);
+#endif
+        rho[p] = PATCH_SUM;
+        here = next, next = after, here2 = next2;
+#undef SUM1
+#undef SUM2
+#undef SUM4
+#undef SUM8
+    }
+#else
+    const real *numbers = (const real *)c;
+    for (int p = 0; p < B; ++p) {
+#ifdef FLAT
+        realN sum = LOAD_PRIVATE(numbers, p * N);
+#pragma unroll
+        for (int j = 1; j <= 2 * R; ++j) sum += LOAD_PRIVATE(numbers, p * N + j);
+#else
+        realN sum = profile[0] * LOAD_PRIVATE(numbers, p * N);
+#pragma unroll
+        for (int j = 1; j <= 2 * R; ++j) sum += profile[j] * LOAD_PRIVATE(numbers, p * N + j);
+#endif
+        rho[p] = sum;
+    }
+#endif
+}
+
+/* What the weight makes of distances; `scale` is negative. */
+static inline realN similarity(realN rho, const real spatial, const real shift, const real scale)
+{
+#ifdef SHIFTED_DISTANCE
+    rho = fmax(rho - shift, (realN)(0));
+#endif
+    const realN w = exp2_scaled(rho, scale);
+#ifdef SPATIAL
+    return spatial * w;
+#else
+    return w;
+#endif
+}
+
+/* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of u. */
+#ifdef MASKED
+#define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
+#else
+#define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
+#endif
+
+#endif
