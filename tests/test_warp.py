@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import subprocess
 import sys
@@ -207,93 +206,3 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) or norm() != before)
 @pytest.mark.skipif(not hasattr(sys.modules["os"], "fork"), reason="a system without fork")
 def test_a_forked_child_makes_its_own_threads():
     subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], check=True, timeout=120)
-
-
-STEPS = (
-    (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),
-    (PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), "array"),
-    (PatchCase("grid", radius=2, scale=0.5, wide=True), "array"),
-    (PatchCase("masked", radius=0, scale=2.0, spatial=True), "array"),
-    (PatchCase("narrow", radius=4, scale=0.01), "number"),
-    (PatchCase("row", radius=2, scale=1.0), "array"),
-    (PatchCase("volume", radius=1, gaussian=True, scale=4.0), "array"),
-    (PatchCase("four axes", channels=2, radius=1, scale=0.01), "number"),
-    (PatchCase("pixel", radius=2, scale=1.0), "number"),
-)
-
-
-@pytest.mark.parametrize("narrow", [False, True], ids=["packs", "one cell"])
-@pytest.mark.parametrize(("case", "lam"), STEPS, ids=[f"{case.id}, lam a {lam}" for case, lam in STEPS])
-def test_similarity_step(monkeypatch, case, lam, narrow):
-    """Against the composition of its two primitives on numpy in float64; `narrow`: as a GPU takes it.
-
-    A weight is off by dw (bounds.patch_distance), which moves the quotient q by at most
-    sum_v 2 dw (|f(v)| + |q|) / (denominator - sum_v 2 dw); what is then computed from it obeys bounds.jacobi_step.
-    """
-    dtype = "float64" if case.wide else "float32"
-    backend, exact = backends.get("warp:cpu", dtype), oracle()
-    if narrow:
-        monkeypatch.setattr(warp_backend, "_STRIP_ROWS", 1)
-        monkeypatch.setattr(warp_backend, "_STRIP_BYTES", backend.dtype.itemsize)
-    graph, m = cases.graph(case.graph), case.channels
-    f, f0, form = cases.function(graph, m), cases.function(graph, m, seed=13), case.form(graph)
-    fidelity = 0.75 if lam == "number" else cases.fidelity(graph)
-
-    w = exact.get_weights(exact.patch_distance(graph, f, form))
-    rho = exact.get_weights(exact.patch_distance(graph, f, dataclasses.replace(form, scale=None)))
-    inside = graph.unit_half_weights()
-    spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
-    limit = bounds.Bounds(graph, w, dtype)
-    dw = limit.patch_distance(rho, form, spatial, m, graph.ndim)
-    expected = exact.similarity_step(graph, f, form, f0, fidelity)
-    off = graph.to_graph(2 * dw).weights
-    pinned = np.isinf(np.broadcast_to(fidelity, (graph.n_vertices, 1)))
-    finite = np.where(pinned, 0, fidelity)
-
-    def around(terms):
-        return np.stack([np.bincount(limit.rows, t, graph.n_vertices) for t in terms.T], axis=-1)
-
-    moved = around(off[:, None] * (np.abs(f[limit.columns]) + np.abs(expected[limit.rows])))
-    left = finite + around(2 * limit.w[:, None]) - around(off[:, None])
-    bound = limit.jacobi_step(f, f0, None, fidelity, 1.0)
-    bound += np.where(pinned | (left <= 0), 0, moved / np.where(left > 0, left, 1)) * (1 + 8 * limit.u)
-
-    device_f0 = backend.put(graph, f0)
-    device_lam = fidelity if lam == "number" else backend.put(graph, fidelity)
-    out = nan(backend, graph, m)
-    assert backend.similarity_step(graph, f, form, device_f0, device_lam, out=out) is out
-    actual = backend.get(graph, out)
-    assert_within(actual, expected, bound, "similarity_step")
-    again = backend.similarity_step(graph, f, form, device_f0, device_lam)
-    assert backend.get(graph, again).tobytes() == actual.tobytes()
-
-
-def test_infinite_lam_and_bare_distances():
-    """lam a number that is infinite: f0; weights that are the distances themselves: the composition."""
-    backend, graph = backends.get("warp:cpu"), cases.graph("grid")
-    f, f0 = cases.function(graph), cases.function(graph, seed=13)
-    case = PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True)
-    device_f0, form = backend.put(graph, f0), case.form(graph)
-    pinned = backend.similarity_step(graph, f, form, device_f0, float("inf"))
-    assert backend.get(graph, pinned).tobytes() == backend.get(graph, device_f0).tobytes()
-    bare = dataclasses.replace(form, scale=None)
-    weighted = backend.patch_distance(graph, f, bare)
-    composed = backend.jacobi_step(weighted, backend.put(graph, f), device_f0, None, 0.75)
-    fused = backend.similarity_step(graph, f, bare, device_f0, 0.75)
-    assert backend.get(graph, fused).tobytes() == backend.get(graph, composed).tobytes()
-
-
-def test_the_exponential_over_its_whole_range():
-    """From 1 down to the smallest normal number within bounds.EXP and the bare exponent's roundings, then 0."""
-    backend, tiny = backends.get("warp:cpu"), float(np.finfo(np.float32).tiny)
-    depth = np.linspace(0, 100, 4001, dtype=np.float32).astype(np.float64)
-    # pairs of cells: rho = (sqrt(depth))^2 between the two, weights of their one edge
-    graph = GridGraph((len(depth), 2), mask=None, metric="cityblock")
-    f = np.stack([np.zeros_like(depth), np.sqrt(depth).astype(np.float32)], axis=1).reshape(-1, 1)
-    form = PatchCase("", radius=0, scale=1.0).form(graph)
-    across = int(np.flatnonzero((graph.forward_offsets == [0, 1]).all(axis=1))[0])
-    w = backend.get_weights(backend.patch_distance(graph, f, form))[across][:, 0]
-    rho = f.reshape(-1, 2)[:, 1].astype(np.float64) ** 2
-    u = cases.UNIT_ROUNDOFF["float32"]
-    assert_within(w, np.exp(-rho), (bounds.EXP + 2 * rho) * u * np.exp(-rho) + tiny, "exp")
-    assert w[0] == 1 and w[-1] == 0

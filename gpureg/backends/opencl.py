@@ -36,7 +36,7 @@ from .base import (
     patch_jumps,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
-from .opencl_strips import Strips, exp2_scale
+from .opencl_strips import Strips, exp2_scale, strip_rows
 
 GPU_TIER, CPU_TIER = 1, 2
 
@@ -170,9 +170,9 @@ class OpenCLBackend(Backend):
         return buffer
 
     def _scratch(self, size: int) -> cl.Buffer:
-        """A buffer of at least so many numbers, of any content, for the work queued next; kept from one call to another.
+        """A buffer of at least so many numbers, of any content, for the work queued next.
 
-        The queue does one thing after the other, so that the next caller's work waits for this one's.
+        It is kept from one call to another. The queue does one thing after the other, so that the next caller's work waits for this one's.
         """
         if self._kept is None or self._kept.size < size * self.dtype.itemsize:
             self._kept = self._allocate(size * self.dtype.itemsize)
@@ -342,6 +342,9 @@ class OpenCLBackend(Backend):
         options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
         self._run("patch_distance", Weighted(graph, topology, None), args, options)
         return Weighted(graph, topology, weights)
+
+    def row_block(self, ndim: int) -> int:
+        return strip_rows(ndim, self.device.kind == "gpu") if ndim == 2 else 1
 
     def similarity_step(
         self,

@@ -92,7 +92,7 @@ static inline realN raise(const realN x, const real power)
     return positive ? pow(positive ? x : (realN)(1), (realN)(power)) : (realN)(power > 0 ? (real)0 : (real)INFINITY);
 }
 
-/* 2^(x scale) for x >= 0 and scale <= 0; in float32 0 from 2^-126 on. The nearest whole power falls out of the last bits
+/* 2^(x scale) for x >= 0 and scale <= 0; in float32 no more than 2^-126 where it is below that. The nearest whole power falls out of the last bits
  * of a sum with 1.5 2^23; the rest, 2^r with |r| <= 1/2, is the polynomial of degree 5 with 1 at 0 whose largest relative
  * error is least (9e-8, by linear programming; 1.8e-7 with its roundings), on whose exponent the power is put. Ten
  * operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off, by driver. */
@@ -109,7 +109,7 @@ static inline realN exp2_scaled(const realN x, const real scale)
     s = s * r + 0.6931470036506653f;
     s = s * r + 1.0f;
     const laneN bits = AS_LANES(s) + (AS_LANES(shifted) << 23);
-    return AS_REALS(whole > -126.0f ? bits : (laneN)(0));
+    return AS_REALS(whole >= -126.0f ? bits : (laneN)(0));
 #endif
 }
 

@@ -1,0 +1,183 @@
+"""The step at p = 2 whose weights are never stored: on every device, and as a GPU takes it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import bounds
+import cases
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from test_backends import PatchCase, assert_within, nan, oracle
+
+from gpureg import backends
+from gpureg.graph import GridGraph
+
+STEPS = (
+    (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),
+    (PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), "array"),
+    (PatchCase("grid", radius=2, scale=0.5, wide=True), "array"),
+    (PatchCase("masked", radius=0, scale=2.0, spatial=True), "array"),
+    (PatchCase("narrow", radius=4, scale=0.01), "number"),
+    (PatchCase("row", radius=2, scale=1.0), "array"),
+    (PatchCase("volume", radius=1, gaussian=True, scale=4.0), "array"),
+    (PatchCase("four axes", channels=2, radius=1, scale=0.01), "number"),
+    (PatchCase("pixel", radius=2, scale=1.0), "number"),
+)
+
+
+# What a GPU takes in another way than a CPU, tried by pretending.
+NARROW = (STEPS[1], STEPS[2], STEPS[4], STEPS[6])
+
+
+def as_gpu(device, dtype, monkeypatch):
+    """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
+    backend = backends.get(device, dtype)
+    if backend.name == "warp":
+        from gpureg.backends import warp
+
+        monkeypatch.setattr(warp, "_STRIP_ROWS", 1)
+        monkeypatch.setattr(warp, "_STRIP_BYTES", backend.dtype.itemsize)
+        return backend
+    from gpureg.backends import opencl
+
+    return opencl.make(dataclasses.replace(backend.device, vector_width=1, kind="gpu"), dtype)
+
+
+def check(backend, case, lam, guided=False):
+    """Against the composition of its two primitives on numpy in float64.
+
+    A weight is off by dw (bounds.patch_distance), which moves the quotient q by at most
+    sum_v 2 dw (|f(v)| + |q|) / (denominator - sum_v 2 dw); what is then computed from it obeys bounds.jacobi_step.
+    """
+    dtype, exact = backend.dtype.name, oracle()
+    graph, m = cases.graph(case.graph), case.channels
+    f, f0, form = cases.function(graph, m), cases.function(graph, m, seed=13), case.form(graph)
+    compared, q = (cases.function(graph, m + 1, seed=19), m + 1) if guided else (f, m)
+    guide = compared if guided else None
+    fidelity = 0.75 if lam == "number" else cases.fidelity(graph)
+
+    w = exact.get_weights(exact.patch_distance(graph, compared, form))
+    rho = exact.get_weights(exact.patch_distance(graph, compared, dataclasses.replace(form, scale=None)))
+    inside = graph.unit_half_weights()
+    spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
+    limit = bounds.Bounds(graph, w, dtype)
+    dw = limit.patch_distance(rho, form, spatial, q, graph.ndim)
+    expected = exact.similarity_step(graph, f, form, f0, fidelity, guide=guide)
+    off = graph.to_graph(2 * dw).weights
+    pinned = np.isinf(np.broadcast_to(fidelity, (graph.n_vertices, 1)))
+    finite = np.where(pinned, 0, fidelity)
+
+    def around(terms):
+        return np.stack([np.bincount(limit.rows, t, graph.n_vertices) for t in terms.T], axis=-1)
+
+    moved = around(off[:, None] * (np.abs(f[limit.columns]) + np.abs(expected[limit.rows])))
+    left = finite + around(2 * limit.w[:, None]) - around(off[:, None])
+    bound = limit.jacobi_step(f, f0, None, fidelity, 1.0)
+    bound += np.where(pinned | (left <= 0), 0, moved / np.where(left > 0, left, 1)) * (1 + 8 * limit.u)
+
+    device_f0 = backend.put(graph, f0)
+    device_lam = fidelity if lam == "number" else backend.put(graph, fidelity)
+    out = nan(backend, graph, m)
+    assert backend.similarity_step(graph, f, form, device_f0, device_lam, guide=guide, out=out) is out
+    actual = backend.get(graph, out)
+    assert_within(actual, expected, bound, "similarity_step")
+    again = backend.similarity_step(graph, f, form, device_f0, device_lam, guide=guide)
+    assert backend.get(graph, again).tobytes() == actual.tobytes()
+
+
+@pytest.mark.parametrize(("case", "lam"), STEPS, ids=[f"{case.id}, lam a {lam}" for case, lam in STEPS])
+def test_similarity_step(device, case, lam):
+    check(backends.get(device, "float64" if case.wide else "float32"), case, lam)
+
+
+@pytest.mark.parametrize(("case", "lam"), NARROW, ids=[f"{case.id}, lam a {lam}" for case, lam in NARROW])
+def test_as_a_gpu_takes_it(monkeypatch, device, case, lam):
+    if device.startswith("numpy"):
+        pytest.skip("numpy has no other way for a GPU")
+    check(as_gpu(device, "float64" if case.wide else "float32", monkeypatch), case, lam)
+
+
+@pytest.mark.parametrize("case", [STEPS[0][0], STEPS[1][0]], ids=lambda case: case.id)
+def test_weights_of_a_guide(device, case):
+    """What the patches compare has one channel more than what is averaged."""
+    check(backends.get(device), case, "number", guided=True)
+
+
+def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
+    """OpenCL on a CPU: as many strips at once as there is room for, or one after the other."""
+    backend = backends.get(device)
+    if backend.name != "opencl":
+        pytest.skip("slots are OpenCL's")
+    from gpureg.backends import opencl_strips
+
+    grid = GridGraph((171, 43), 5, "euclidean")
+    f, form = cases.function(grid), PatchCase("", radius=2, scale=0.5).form(grid)
+
+    def step():
+        return backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), 0.5))
+
+    together = step()
+    monkeypatch.setattr(opencl_strips, "_SLOT_BYTES", 1)
+    monkeypatch.setattr(backend, "_kept", None)
+    assert_array_equal(step(), together)
+
+
+def test_a_part_has_the_bits_of_the_whole(device):
+    """A band that begins at a multiple of the device's row block; its halo is the window's and the patch's reach."""
+    backend = backends.get(device)
+    block = backend.row_block(2)
+    whole = GridGraph((3 * block + 70, 53), 4, "chebyshev")
+    f = cases.function(whole).reshape(*whole.shape, 1)
+    first = block * -(-11 // block)
+    part = GridGraph((whole.shape[0] - first, 53), 4, "chebyshev")
+
+    def step(grid, f):
+        case = PatchCase("", radius=2, scale=0.5, shift=0.125, spatial=True)
+        f = f.reshape(-1, 1)
+        result = backend.similarity_step(grid, f, case.form(grid), backend.put(grid, f), 0.5)
+        return backend.get(grid, result).reshape(grid.shape)
+
+    halo = 4 + 2
+    assert_array_equal(step(part, f[first:])[halo:], step(whole, f)[first + halo :])
+
+
+def test_infinite_lam_and_bare_distances(device):
+    """lam a number that is infinite: f0; weights that are the distances themselves: the composition."""
+    backend, graph = backends.get(device), cases.graph("grid")
+    f, f0 = cases.function(graph), cases.function(graph, seed=13)
+    case = PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True)
+    device_f0, form = backend.put(graph, f0), case.form(graph)
+    pinned = backend.similarity_step(graph, f, form, device_f0, float("inf"))
+    assert backend.get(graph, pinned).tobytes() == backend.get(graph, device_f0).tobytes()
+    bare = dataclasses.replace(form, scale=None)
+    weighted = backend.patch_distance(graph, f, bare)
+    composed = backend.jacobi_step(weighted, backend.put(graph, f), device_f0, None, 0.75)
+    fused = backend.similarity_step(graph, f, bare, device_f0, 0.75)
+    assert backend.get(graph, fused).tobytes() == backend.get(graph, composed).tobytes()
+
+
+def test_the_largest_scale_leaves_equal_values_alike(device):
+    """sigma_value next to 0: weight 1 between equal values, 0 between others, and no NaN."""
+    backend, grid = backends.get(device), cases.graph("grid")
+    form = backends.PatchForm(np.ones(1), scale=float(np.finfo(np.float32).max))
+    f = np.repeat([[0.25], [0.75]], [1000, 961], axis=0)
+    step = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), 0.0))
+    assert_array_equal(step, f)
+
+
+def test_the_exponential_over_its_whole_range(device):
+    """From 1 down to the smallest normal number within bounds.EXP and the bare exponent's roundings, then next to 0."""
+    backend, tiny = backends.get(device), float(np.finfo(np.float32).tiny)
+    depth = np.linspace(0, 100, 4001, dtype=np.float32).astype(np.float64)
+    # pairs of cells: rho = (sqrt(depth))^2 between the two, weights of their one edge
+    graph = GridGraph((len(depth), 2), mask=None, metric="cityblock")
+    f = np.stack([np.zeros_like(depth), np.sqrt(depth).astype(np.float32)], axis=1).reshape(-1, 1)
+    form = PatchCase("", radius=0, scale=1.0).form(graph)
+    across = int(np.flatnonzero((graph.forward_offsets == [0, 1]).all(axis=1))[0])
+    w = backend.get_weights(backend.patch_distance(graph, f, form))[across][:, 0]
+    rho = f.reshape(-1, 2)[:, 1].astype(np.float64) ** 2
+    u = cases.UNIT_ROUNDOFF["float32"]
+    assert_within(w, np.exp(-rho), (bounds.EXP + 2 * rho) * u * np.exp(-rho) + tiny, "exp")
+    assert w[0] == 1 and w[-1] <= tiny
