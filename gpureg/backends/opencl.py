@@ -172,7 +172,7 @@ class OpenCLBackend(Backend):
     def _scratch(self, size: int) -> cl.Buffer:
         """A buffer of at least so many numbers, of any content, for the work queued next.
 
-        It is kept from one call to another. The queue does one thing after the other, so that the next caller's work waits for this one's.
+        It is kept from one call to another: the queue does one thing after the other.
         """
         if self._kept is None or self._kept.size < size * self.dtype.itemsize:
             self._kept = self._allocate(size * self.dtype.itemsize)

@@ -92,10 +92,10 @@ static inline realN raise(const realN x, const real power)
     return positive ? pow(positive ? x : (realN)(1), (realN)(power)) : (realN)(power > 0 ? (real)0 : (real)INFINITY);
 }
 
-/* 2^(x scale) for x >= 0 and scale <= 0; in float32 no more than 2^-126 where it is below that. The nearest whole power falls out of the last bits
- * of a sum with 1.5 2^23; the rest, 2^r with |r| <= 1/2, is the polynomial of degree 5 with 1 at 0 whose largest relative
- * error is least (9e-8, by linear programming; 1.8e-7 with its roundings), on whose exponent the power is put. Ten
- * operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off, by driver. */
+/* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The nearest
+ * whole power falls out of the last bits of a sum with 1.5 2^23; the rest, 2^r with |r| <= 1/2, is the polynomial of
+ * degree 5 with 1 at 0 whose largest relative error is least (9e-8, by linear programming; 1.9e-7 with its roundings), on
+ * whose exponent the power is put. Ten operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
 static inline realN exp2_scaled(const realN x, const real scale)
 {
 #ifdef DOUBLE

@@ -7,14 +7,15 @@
  *
  * A block is S rows, down the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` goes down
  * each column of packs with the last rows in registers and leaves the sums down the patches in `down`; `sum_along` turns
- * a row of these into distances. FLAT, g = 1: a sum of 2 R + 1 numbers is made of sums of 1, 2, 4 and 8, of which each
- * takes one addition of two of half the length. Otherwise each term has its weight: 2 R + 1 multiply-adds.
+ * a row of these into distances. FLAT, g = 1: the sum of 2 R + 1 rows is made of sums of 1, 2, 4 and 8 of them, each of
+ * which takes one addition of two of half the length. Otherwise each row has its weight: 2 R + 1 multiply-adds.
  * A GPU takes N = B = 1: one thread a column.
  *
  * f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row, by
  * zeros on both sides that reach as far as the window and a block: no read asks where the border is, and the weights of
  * what was read beyond it become 0.
- * Arithmetic per edge, flat: 3 M + 8 operations for patches of side 7, times (1 + 2 R/S) (1 + 1/B) for the overlap.
+ * Arithmetic per edge: 3 Q, and for flat patches of side 7 4 additions, times (1 + 2 R/S) (1 + 1/B) for the overlap; then
+ * 2 R additions. Bytes: all from the first two caches.
  */
 #ifndef STRIP_CL
 #define STRIP_CL
@@ -105,20 +106,6 @@
 /* Whether the cells at x of a row are cells of the grid. */
 #define ON_ROW(x) ((x) + LANES >= 0 && (x) + LANES < width_)
 
-/* Lanes s .. s + N - 1 of the 2 N lanes of a and b; s is a constant, at most N. */
-#if N == 16
-#define SHIFTED(a, b, s)                                                                                             \
-    shuffle2(a, b, (AS_MASK)(s, s + 1, s + 2, s + 3, s + 4, s + 5, s + 6, s + 7, s + 8, s + 9, s + 10, s + 11,        \
-                             s + 12, s + 13, s + 14, s + 15))
-#elif N == 8
-#define SHIFTED(a, b, s) shuffle2(a, b, (AS_MASK)(s, s + 1, s + 2, s + 3, s + 4, s + 5, s + 6, s + 7))
-#endif
-#ifdef DOUBLE
-#define AS_MASK CONCATENATE(ulong, N)
-#else
-#define AS_MASK CONCATENATE(uint, N)
-#endif
-
 /* Differences squared, over channels and the patch's leading axes, of a pack at `at` and its neighbours. */
 static inline realN squares(
     __global const real *at, const long ahead, const long padded_plane,
@@ -147,8 +134,9 @@ static inline realN squares(
 }
 #define SQUARES(at) squares(at, ahead, padded_plane, n_lines, lines, line_weights)
 
-/* A sum of 2 R + 1 neighbouring numbers from sums of 1, 2, 4 and 8 of them: SUM1(l) is the number l places before the last,
- * SUM2(l) it and the one before, and so on. */
+/* A sum of the last 2 R + 1 rows from sums of 1, 2, 4 and 8 of them: SUM1(l) is the row l before the last, SUM2(l) it and
+ * the one before, and so on. */
+#ifdef FLAT
 #if R == 1
 #define PATCH_SUM (SUM2(0) + SUM1(2))
 #elif R == 2
@@ -159,8 +147,7 @@ static inline realN squares(
 #define PATCH_SUM (SUM8(0) + SUM1(8))
 #elif R == 5
 #define PATCH_SUM ((SUM8(0) + SUM2(8)) + SUM1(10))
-#else
-#undef FLAT /* R = 0 needs none; larger patches go term by term */
+#endif /* larger ones go row by row */
 #endif
 
 /* The sums down the patches of the block's rows from .. until, for `ahead`, into down[y * WIDE + pack]. */
@@ -178,7 +165,7 @@ static inline void sum_down(
         realN row[2 * R + 1];
 #pragma unroll
         for (int i = 0; i <= 2 * R; ++i) row[i] = 0;
-#ifdef FLAT
+#ifdef PATCH_SUM
         realN two[2 * R + 1], four[2 * R + 1];
 #pragma unroll
         for (int i = 0; i <= 2 * R; ++i) two[i] = four[i] = 0;
@@ -191,7 +178,7 @@ static inline void sum_down(
 #pragma unroll
             for (int i = 2 * R; i > 0; --i) row[i] = row[i - 1];
             row[0] = SQUARES(at);
-#ifdef FLAT
+#ifdef PATCH_SUM
 #pragma unroll
             for (int i = 2 * R; i > 0; --i) two[i] = two[i - 1];
             two[0] = row[0] + row[1];
@@ -220,51 +207,24 @@ static inline void sum_down(
 #define SUM_DOWN                                                                                                     \
     sum_down(guide + padded0, padded_pitch, padded_plane, ahead, from, until, n_lines, lines, line_weights, profile, down)
 
-/* Distances of the B packs of a row from the sums down its patches. */
+/* Distances of the B packs of a row from the sums down its patches. The shifted packs are loaded, from the first cache:
+ * shuffles of two packs cost as much on PoCL 3.1, and five times as much on 3.0. */
 static inline void sum_along(const realN *c, __global const real *profile, realN *rho)
 {
-#if R == 0
-    for (int p = 0; p < B; ++p) rho[p] = c[p];
-#elif defined(FLAT) && N >= 8 && 2 * R <= N
-    /* In the top lanes of sums that reach into the next pack stand numbers of no meaning, which no shift brings down. */
-    realN here = c[0], next = c[1], here2 = here + SHIFTED(here, next, 1);
+    const real *numbers = (const real *)c;
 #pragma unroll
     for (int p = 0; p < B; ++p) {
-        const realN after = c[p + 2 < WIDE ? p + 2 : WIDE - 1];
-        const realN next2 = next + SHIFTED(next, after, 1);
-#define SUM1(l) SHIFTED(here, next, l)
-#define SUM2(l) ((l) == 0 ? here2 : SHIFTED(here2, next2, l))
-#define SUM4(l) here4
-#define SUM8(l) here8
-#if R >= 2
-        const realN here4 = here2 + SHIFTED(here2, next2, 2);
-#endif
-#if R >= 4
-        const realN next4 = next2 + SHIFTED(next2, next2, 2);
-        const realN here8 = here4 + SHIFTED(here4, next4, 4);
-#endif
-        rho[p] = PATCH_SUM;
-        here = next, next = after, here2 = next2;
-#undef SUM1
-#undef SUM2
-#undef SUM4
-#undef SUM8
-    }
-#else
-    const real *numbers = (const real *)c;
-    for (int p = 0; p < B; ++p) {
-#ifdef FLAT
-        realN sum = LOAD_PRIVATE(numbers, p * N);
+#if R == 0 || defined(FLAT)
+        realN sum = c[p];
 #pragma unroll
         for (int j = 1; j <= 2 * R; ++j) sum += LOAD_PRIVATE(numbers, p * N + j);
 #else
-        realN sum = profile[0] * LOAD_PRIVATE(numbers, p * N);
+        realN sum = profile[0] * c[p];
 #pragma unroll
         for (int j = 1; j <= 2 * R; ++j) sum += profile[j] * LOAD_PRIVATE(numbers, p * N + j);
 #endif
         rho[p] = sum;
     }
-#endif
 }
 
 /* What the weight makes of distances; `scale` is negative. */
