@@ -188,7 +188,7 @@ class OpenCLBackend(Backend):
         found = self._topologies.get(graph)
         if found is None:
             found = (
-                GridLayout(self.upload, graph, self.lanes)
+                GridLayout(self.upload, graph, self.lanes, self.dtype.itemsize)
                 if isinstance(graph, GridGraph)
                 else CsrLayout(self.upload, graph)
             )
@@ -254,8 +254,9 @@ class OpenCLBackend(Backend):
         size: tuple[int, ...] | None = None,
         *,
         exact: bool = False,
+        local: tuple[int, ...] | None = None,
     ) -> None:
-        """Run a kernel over the graph's packs, or over `size` work items.
+        """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         A kernel that numbers its work items by their count (a sum) asks for an `exact` size; others may get more on a
         GPU, where the driver, left to choose, would take groups of 1 for a prime size.
@@ -264,7 +265,7 @@ class OpenCLBackend(Backend):
         options = (*layout.options, f"-DN={layout.width}", *options)
         if weighted.weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
-        size, local = size or layout.global_size, None
+        size = size or layout.global_size
         if self.device.kind == "gpu" and not exact:
             local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
@@ -452,6 +453,48 @@ class OpenCLBackend(Backend):
         lams, lam_options = self._lam(lam)
         args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
         self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
+        return out
+
+    def sweep(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        theta: float,
+        edge_norm: bool = False,
+        g: Array | None,
+        out: Array,
+    ) -> Array:
+        layout = weighted.topology
+        fused = isinstance(layout, GridLayout) and self.device.kind == "cpu" and not weighted.directed
+        if not fused or edge_norm or p == 2:
+            return super().sweep(
+                weighted, f, f0, lam, p=p, eps=eps, coupled=coupled, theta=theta, edge_norm=edge_norm, g=g, out=out
+            )
+        G = 1 if coupled else f.channels
+        blocks = layout.blocks(f.channels, G, weighted.weights is not None, self.device.handle.max_compute_units)
+        lams, lam_options = self._lam(lam)
+        args = [
+            f.buffer,
+            f0.buffer,
+            self.real((p - 2) / 2),
+            self.real(eps) ** 2,
+            *lams,
+            self.real(theta),
+            np.int32(blocks.band),
+            np.int32(blocks.stretch),
+            np.int32(layout.jump),
+            np.int64(blocks.ring_pitch),
+            layout.rings(blocks, self._allocate),
+            out.buffer,
+        ]
+        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options)
+        self._run("sweep", weighted, args, options, blocks.count, exact=True, local=(1, 1))
         return out
 
     def euler_step(

@@ -5,18 +5,45 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, Graph, GridGraph, opposite_edges
+from ..graph import FloatArray, Graph, GridGraph, IntArray, opposite_edges
 
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]
 
 # Segments of a long sum: enough to fill a GPU, few enough for the host to add.
 SEGMENTS = 4096
+
+
+# Offsets of the largest window that is compiled in and unrolled: every such window is a build of its own.
+SMALL_WINDOW = 8
+
+CACHE_LINE = 64
+
+# Bytes that a block of a fused sweep may have in use at a time, and its rows for each row of halo.
+WORKING_SET = 1 << 19
+HALO = 32
+
+
+def window_runs(offsets: IntArray) -> IntArray:
+    """Runs of offsets next to each other on one row, (runs, 3): number of the first, its last coordinate, how many.
+
+    No run goes from the backward half to the forward half: the vertex itself lies between them.
+    """
+    starts = [
+        k
+        for k in range(len(offsets))
+        if k == 0 or (offsets[k, :-1] != offsets[k - 1, :-1]).any() or offsets[k, -1] != offsets[k - 1, -1] + 1
+    ]
+    counts = np.diff([*starts, len(offsets)])
+    return np.array([(k, offsets[k, -1], count) for k, count in zip(starts, counts, strict=True)], np.int64).reshape(
+        -1, 3
+    )
 
 
 def round_up(value: int, multiple: int) -> int:
@@ -134,11 +161,22 @@ class CsrLayout(Layout):
         return [np.int64(self.n), self.indptr, self.indices, weights, self._mirror if mirrored else weights]
 
 
+@dataclass(frozen=True)
+class Blocks:
+    """How ``sweep.cl`` cuts a grid: blocks of `band` rows and `stretch` columns, `count` of them along both axes."""
+
+    band: int
+    stretch: int
+    count: tuple[int, int]
+    ring_pitch: int
+    ring_size: int
+
+
 class GridLayout(Layout):
     """An implicit grid on the device: the layout that ``grid.cl`` describes."""
 
-    def __init__(self, upload: Upload, graph: GridGraph, lanes: int) -> None:
-        N = lanes
+    def __init__(self, upload: Upload, graph: GridGraph, lanes: int, itemsize: int = 4) -> None:
+        self.N = N = lanes
         # not the graph: the layouts are kept for as long as their graph lives
         self.shape, self.options = graph.shape, ("-DGRID", f"-DNDIM={graph.ndim}")
         self.W = graph.shape[-1]
@@ -148,20 +186,60 @@ class GridLayout(Layout):
         strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
         row_jumps = offsets[:, :-1] @ np.array(strides, np.int64)
         self.reach = int(np.abs(offsets[:, -1]).max(initial=0))
-        self.pitch = round_up(self.W, N)
-        self.guard = round_up(int(np.abs(row_jumps).max(initial=0)) * self.pitch + self.reach + N, N)
+        self.jump = int(np.abs(row_jumps).max(initial=0))
+        self.itemsize = itemsize
+        self.pitch = self.spread(self.W)
+        self.guard = round_up(self.jump * self.pitch + self.reach + N, N)
         self.plane = 2 * self.guard + self.rows * self.pitch
-        self.weight_pitch = round_up(self.pitch + self.reach, N)
+        self.weight_pitch = self.spread(round_up(self.W, N) + self.reach)
         self.weight_guard = round_up(self.reach, N)
         self.width = N
+        self._rings: Buffer = None
         self.shape_buffer = upload(np.array(graph.shape, np.int32))
         self.offsets = upload(offsets.astype(np.int32))
         self.row_jumps = upload(row_jumps.astype(np.int32))
+        runs = window_runs(offsets)
+        self.n_runs, self.runs = len(runs), upload(runs.astype(np.int32))
+        if graph.ndim <= 2 and 0 < len(offsets) <= SMALL_WINDOW:
+            self.options += (f"-DWINDOW={len(offsets)}", "-DWINDOW_STEPS=" + ",".join(map(str, offsets[:, -1])))
+            self.options += ("-DWINDOW_ROWS=" + ",".join(map(str, row_jumps)),)
         packs = -(-self.W // N)
         per_row = min(packs, max(1, -(-SEGMENTS // self.rows)))
         self.segment = -(-packs // per_row)
         self.segments = (-(-packs // self.segment), self.rows)
         self.global_size = (packs, self.rows)
+
+    def spread(self, cells: int) -> int:
+        """Numbers from one row to the next, room for `cells` in whole packs, such that neighbouring rows do not share
+        the sets of a cache: an odd number of cache lines. (With 1024 numbers all rows begin in the same set, and more
+        than 8 of them push each other out.)
+        """
+        packs, line = round_up(cells, self.N), CACHE_LINE // self.itemsize
+        return packs + line if packs % (2 * line) == 0 else packs
+
+    def blocks(self, channels: int, norms: int, weighted: bool, cores: int) -> Blocks:
+        """Blocks for a fused sweep on so many cores."""
+        margin = round_up(self.reach, self.N)
+        slots = 2 * self.jump + 1
+        # what a core has in use at a time, in bytes per column: its rows of the ring, f and the weights
+        column = self.itemsize * slots * (norms + channels + (self.H if weighted else 0))
+        stretch = round_up(max(WORKING_SET // column, 16 * margin), self.N)
+        across = -(-self.W // stretch)
+        most = max(1, self.rows // (HALO * max(1, self.jump)))
+        bands = min(self.rows, max(-(-cores // across), min(most, -(-8 * cores // across))))
+        across = max(across, min(-(-cores // bands), -(-self.W // (16 * self.N))))
+        stretch = round_up(-(-self.W // across), self.N)
+        band = -(-self.rows // bands)
+        ring_pitch = self.spread(stretch + 2 * margin + self.N)
+        count = (-(-self.W // stretch), -(-self.rows // band))
+        return Blocks(band, stretch, count, ring_pitch, slots * norms * ring_pitch)
+
+    def rings(self, blocks: Blocks, allocate: Callable[[int], Buffer]) -> Buffer:
+        """Scratch for these blocks, kept for the next sweep."""
+        nbytes = math.prod(blocks.count) * blocks.ring_size * self.itemsize
+        if self._rings is None or self._rings.size < nbytes:
+            self._rings = allocate(nbytes)
+        return self._rings
 
     def size(self, channels: int) -> int:
         return self.plane * channels
@@ -218,9 +296,12 @@ class GridLayout(Layout):
             np.int64(self.plane),
             np.int64(self.guard),
             np.int32(self.H),
+            np.int32(self.reach),
             self.shape_buffer,
             self.offsets,
             self.row_jumps,
+            np.int32(self.n_runs),
+            self.runs,
             np.int64(self.weight_pitch),
             np.int64(self.weight_guard),
             weights,

@@ -10,6 +10,11 @@
  * tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads 0.
  * Functions on the edges (gamma with GAMMA among them) lie in the same way, for the whole window of 2 H offsets: channel
  * c of offset k takes the place of weight k * channels + c; 0 where an edge leaves the grid.
+ *
+ * The window. A loop over the neighbours must not look up each offset and ask whether its row exists. Its offsets come as
+ * runs: offsets next to each other on one row, so that all this is asked once a run, and the loop inside moves by one
+ * cell and one plane of weights a turn. A small window is compiled in (WINDOW offsets, of WINDOW_ROWS and WINDOW_STEPS)
+ * and unrolled: no table, no loop. One binary serves all wide windows.
  */
 #ifndef GRID_CL
 #define GRID_CL
@@ -27,12 +32,19 @@
     const long plane,                                                                                                \
     const long guard,                                                                                                \
     const int H,                         /* forward offsets, half the window */                                      \
+    const int reach,                     /* largest step along a row */                                              \
     __global const int *shape,           /* (NDIM,) */                                                               \
     __global const int *offsets,         /* (2 H, NDIM), lexicographic; the opposite of k is 2 H - 1 - k */          \
     __global const int *row_jumps,       /* (2 H,): rows from a vertex to its neighbour */                           \
+    const int n_runs,                                                                                                \
+    __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */ \
     const long weight_pitch,                                                                                         \
     const long weight_guard,                                                                                         \
     __global const real *weights         /* w with WEIGHTED, gamma with GAMMA */
+
+/* The same as arguments of a call. */
+#define GRAPH                                                                                                        \
+    width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch, weight_guard, weights
 
 /* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
 #if NDIM == 1
@@ -54,10 +66,15 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 }
 #endif
 
+/* Of a pack with inner_columns no neighbour is past an end of its row; with inner_rows all neighbouring rows exist, so
+ * that no one asks. */
 #define PACK_AT(x_, row_)                                                                                            \
     const int x = (x_), row = (row_);                                                                                \
-    const long u = guard + row * pitch + x;                                                                          \
-    const laneN used = x + LANES < width;                                                                            \
+    const bool inner_columns = x >= reach && x + N + reach <= width, inner_rows = false;                             \
+    PACK_OF(x, row)
+#define PACK_OF(x, row)                                                                                              \
+    const long u = guard + (row) * pitch + (x);                                                                      \
+    const laneN used = (x) + LANES < width;                                                                          \
     ROW_COORDINATES
 
 #define VERTEX                                                                                                       \
@@ -68,31 +85,57 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 
 #define EDGE_AT(c, channels) (weight_guard + (((long)row * 2 * H + k) * (channels) + (c)) * weight_pitch + x)
 #define OPPOSITE_AT(c, channels)                                                                                     \
-    (weight_guard + (((long)(row + row_jumps[k]) * 2 * H + (2 * H - 1 - k)) * (channels) + (c)) * weight_pitch + x + step)
+    (weight_guard + (((long)(row + row_jump) * 2 * H + (2 * H - 1 - k)) * (channels) + (c)) * weight_pitch + x + step)
 #define CLEAR_EDGES(p, channels)                                                                                     \
     for (int k = 0; k < 2 * H; ++k)                                                                                  \
         for (int c = 0; c < (channels); ++c) STORE(p, EDGE_AT(c, channels), (realN)(0));
 
-/* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. */
+/* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. Without
+ * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they compute is dropped. */
 #ifdef GAMMA
 #define EDGE_FACTORS                                                                                                 \
     const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));
 #elif defined(WEIGHTED)
 #define EDGE_FACTORS                                                                                                 \
     const realN w =                                                                                                  \
-        k >= H ? LOAD(weights, weight_guard + ((long)row * H + (k - H)) * weight_pitch + x)                          \
-               : LOAD(weights, weight_guard + ((long)(row + row_jumps[k]) * H + (H - 1 - k)) * weight_pitch + x + step);
+        forward ? LOAD(weights, weight_guard + ((long)row * HALF + (k - HALF)) * weight_pitch + x)                   \
+                : LOAD(weights, weight_guard + ((long)(row + row_jump) * HALF + (HALF - 1 - k)) * weight_pitch + x + step);
 #else
-#define EDGE_FACTORS const realN w = WHERE(used && x + LANES + step >= 0 && x + LANES + step < width, 1);
+#define EDGE_FACTORS                                                                                                 \
+    const realN w = inner_columns ? (realN)(1) : WHERE(x + LANES + step >= 0 && x + LANES + step < width, 1);
 #endif
 
+#ifdef WINDOW
+__constant const int window_steps[] = {WINDOW_STEPS};
+#if NDIM == 1
+#define WINDOW_ROW(k) 0
+#else
+__constant const int window_rows[] = {WINDOW_ROWS};
+#define WINDOW_ROW(k) window_rows[k]
+#endif
+#define HALF (WINDOW / 2)
 #define NEIGHBOURS                                                                                                   \
-    for (int k = 0; k < 2 * H; ++k) {                                                                                \
-        if (!ROW_EXISTS(k)) continue;                                                                                \
-        const int step = offsets[k * NDIM + NDIM - 1];                                                               \
-        const long v = u + row_jumps[k] * pitch + step;                                                              \
+    _Pragma("unroll") for (int k = 0; k < WINDOW; ++k) {                                                             \
+        const int row_jump = WINDOW_ROW(k), step = window_steps[k];                                                  \
+        const bool forward = k >= HALF;                                                                              \
+        if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                                                \
+        const long v = u + row_jump * pitch + step;                                                                  \
         EDGE_FACTORS
 #define END }
+#else
+#define HALF H
+#define NEIGHBOURS                                                                                                   \
+    for (int run = 0; run < n_runs; ++run) {                                                                         \
+        const int first = runs[3 * run], from = runs[3 * run + 1], last = first + runs[3 * run + 2];                 \
+        if (!inner_rows && !ROW_EXISTS(first)) continue;                                                                            \
+        const int row_jump = row_jumps[first];                                                                       \
+        const bool forward = 2 * run >= n_runs;                                                                      \
+        for (int k = first; k < last; ++k) {                                                                         \
+            const int step = from + k - first;                                                                       \
+            const long v = u + row_jump * pitch + step;                                                              \
+            EDGE_FACTORS
+#define END }}
+#endif
 
 #define USED(x) WHERE(used, x)
 
