@@ -368,13 +368,16 @@ class Backend(ABC):
         f0: Array,
         lam: float | Array,
         *,
+        guide: FloatArray | None = None,
         out: Array | None = None,
     ) -> Array:
-        """One Jacobi sweep at p = 2 with weights computed from patches of `f`, a host function (n, m).
+        """One Jacobi sweep at p = 2 of `f`, a host function (n, m), with weights computed from patches.
 
-        With a fused kernel the weights are never stored: one step of the bilateral filter, or of nonlocal means.
+        The patches are those of `guide`, a host function (n, q), or of `f` itself where it is None. With a fused kernel
+        the weights are never stored: one step of the bilateral filter, or of nonlocal means.
         """
-        return self.jacobi_step(self.patch_distance(graph, f, form), self.put(graph, f), f0, None, lam, out=out)
+        weighted = self.patch_distance(graph, f if guide is None else guide, form)
+        return self.jacobi_step(weighted, self.put(graph, f), f0, None, lam, out=out)
 
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""

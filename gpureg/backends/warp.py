@@ -785,10 +785,12 @@ class WarpBackend(Backend):
         f0: Array,
         lam: float | Array,
         *,
+        guide: FloatArray | None = None,
         out: Array | None = None,
     ) -> Array:
-        if form.scale is None:
-            return super().similarity_step(graph, f, form, f0, lam, out=out)
+        if form.scale is None or guide is not None:
+            # the kernel knows one function, the one that it both compares and averages
+            return super().similarity_step(graph, f, form, f0, lam, guide=guide, out=out)
         out = self.empty(graph, f.shape[1]) if out is None else out
         options = (isinstance(lam, wp.array),)
         self._launch_strips(similarity_step.make, graph, f, form, True, options, [f0, lam], out)
