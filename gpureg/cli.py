@@ -10,6 +10,7 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from . import __version__, backends, weights
 from .graph import METRICS
 from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
+from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .result import Result
 
@@ -212,7 +214,7 @@ def denoise(
         function = None
         lacks = {"bilateral": sigma_value is None, "patch": h is None}.get(kind or "", False)
         if kind is not None:
-            noise = plan_denoising(picture.pixels, sigma=sigma, p=1, lam=1, channel_axis=axis).sigma
+            noise = estimate_noise(picture.pixels, channel_axis=axis) if sigma is None else sigma
             samples = (2 * patch_radius + 1) ** 2 if patch_std is None else 1
             channels = 1 if axis is None else picture.pixels.shape[axis]
             if lacks and noise == 0:
@@ -225,6 +227,8 @@ def denoise(
                 reach = 0.6 * noise * math.sqrt(samples * channels) if h is None else h
                 function = weights.patch(patch_radius, reach, sigma=noise, a=patch_std)
         plan = plan_denoising(picture.pixels, weights=function, channel_axis=axis, **given)
+        if plan.sigma is None:  # it decided nothing, but is reported
+            plan = replace(plan, sigma=estimate_noise(picture.pixels, channel_axis=axis), estimated=True)
         show = sys.stderr.isatty() if progress is None else progress
         result = run_plan(
             plan, picture.pixels, channel_axis=axis, backend=backend, dtype=dtype, progress=show and not quiet

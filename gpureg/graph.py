@@ -57,6 +57,15 @@ def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
     return np.asarray(values)
 
 
+def all_finite(values: npt.NDArray[Any]) -> bool:
+    """Whether no value is NaN or infinite, in little memory besides."""
+    if values.dtype.kind != "f":
+        return True
+    flat = values.reshape(-1) if values.flags.c_contiguous else values
+    block = max(1, _BLOCK_ENTRIES // max(1, math.prod(flat.shape[1:])))
+    return all(bool(np.isfinite(flat[begin : begin + block]).all()) for begin in range(0, len(flat), block))
+
+
 def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     """A float copy of ``weights``, after checking shape, finiteness and sign."""
     array = np.array(weights, dtype=np.result_type(np.asarray(weights).dtype, np.float32))

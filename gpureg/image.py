@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -15,11 +15,11 @@ from . import backends
 from .graph import GridGraph, Metric
 from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .problem import default_eps
-from .regularization import regularize
+from .regularization import one_sweep, regularize
 from .result import Interrupted, Result, Stop
-from .solvers import Solver, is_local
+from .solvers import Jacobi, Solver, is_local, resolve
 from .solvers.loop import Callback, progress_bar
-from .weights import Bilateral, Patch, Weights
+from .weights import Bilateral, Patch, Weights, is_patch
 
 # Bytes of stored weights above which an image goes through in bands of rows.
 BAND_BYTES = 1 << 28
@@ -156,7 +156,8 @@ def run_plan(
     Returns
     -------
     Result
-        Its value is the image, in the shape and dtype of `image`. An image whose weights would take more than 256 MiB
+        Its value is the image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch weights
+        computes these without storing them, and reports no energy. An image whose weights would take more than 256 MiB
         goes through in bands of rows, with a halo that makes the result the same; its energy is then not reported,
         and an interruption leaves no iterate.
     """
@@ -195,8 +196,15 @@ def run_plan(
     # does not choose its step by the whole of the graph.
     divisible = isinstance(plan.weights, Patch | Bilateral) and plan.tol is None and callback is None
     divisible = divisible and is_local(solver, plan.p, plan.lam)
+    once = callback is None and _is_one_sweep(plan, solver)
+    run: Callable[..., Result] = regularize
+    if once:
+        run = one_sweep
+        settings = {name: settings[name] for name in ("lam", "eps", "backend", "dtype")}
     if divisible and grid.half_window * grid.n_vertices * kind.itemsize > BAND_BYTES:
-        result = _in_bands(f0, grid, plan, settings, progress)
+        result = _in_bands(f0, grid, plan, run, settings, progress)
+    elif once:
+        result = one_sweep(f0, grid, weights=weights_of(plan, f0), **settings)
     else:
         with _converted(array, channel_axis, inside):
             settings["weights"] = weights_of(plan, f0)
@@ -205,8 +213,23 @@ def run_plan(
     return replace(result, value=value, seconds=time.perf_counter() - begin)
 
 
+def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
+    """Whether :func:`one_sweep` does what the plan asks for: one sweep by the book, at p = 2, of patch weights."""
+    method = resolve(solver)
+    whole = isinstance(method, Jacobi) and method.damping in (None, 1)
+    # where data are missing the default may be damped
+    data = isinstance(method, Jacobi) and (method.damping == 1 or bool(np.min(plan.lam) > 0))
+    once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
+    return once and whole and data and is_patch(plan.weights)
+
+
 def _in_bands(
-    f0: npt.NDArray[Any], grid: GridGraph, plan: DenoisePlan, settings: dict[str, Any], progress: bool
+    f0: npt.NDArray[Any],
+    grid: GridGraph,
+    plan: DenoisePlan,
+    run: Callable[..., Result],
+    settings: dict[str, Any],
+    progress: bool,
 ) -> Result:
     """Regularize bands of rows with a halo as wide as data can travel: the rows kept are those of the whole image.
 
@@ -236,7 +259,7 @@ def _in_bands(
             )
             settings["weights"] = weights_of(plan, f0[low:high])
             try:
-                result = regularize(f0[low:high], part, **settings)
+                result = run(f0[low:high], part, **settings)
             except Interrupted:
                 # A band's iterate is no iterate of the image.
                 raise KeyboardInterrupt from None

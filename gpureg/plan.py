@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .graph import GridGraph, Metric, unmasked
 from .noise import estimate_noise
-from .weights import Bilateral, Constant, Patch, Weights, constant, guided, patch
+from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, patch
 
 # Brightness and two opponent colours, orthonormal; the colours count less, having less detail than noise.
 _CHROMA = 0.45
@@ -26,8 +26,8 @@ class DenoisePlan:
 
     Attributes
     ----------
-    sigma : float
-        Standard deviation of the noise, in the image's units.
+    sigma : float or None
+        Standard deviation of the noise, in the image's units; None where it was not given, and decided nothing.
     estimated : bool
         Whether it was estimated.
     weights : Weights or array
@@ -43,7 +43,7 @@ class DenoisePlan:
         Sides of the neighbourhood in cells.
     """
 
-    sigma: float
+    sigma: float | None
     estimated: bool
     weights: Weights | npt.ArrayLike
     radius: float
@@ -139,13 +139,18 @@ def plan_denoising(
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
     cells = array.shape if channel_axis is None else tuple(np.delete(array.shape, channel_axis).tolist())
     ndim = len(cells)
-    estimated = sigma is None
-    noise = estimate_noise(array, channel_axis=channel_axis, mask=mask) if sigma is None else float(sigma)
-    spread = _contrast(array, channel_axis, mask)
-    if not (math.isfinite(noise) and math.isfinite(spread)):
-        raise ValueError("the image's values are too large to tell signal from noise: rescale them")
     # Without weights that look at the data a wide window only blurs: the paper's G_0.
     local = isinstance(weights, Constant) or (weights is None and p not in (None, 2))
+    # What decides nothing is not looked for: it takes longer than the one step of a filter.
+    filters = not local and p in (None, 2)
+    chooses = weights is None and (lam is None or not local)
+    estimated = sigma is None and (chooses or (lam is None and not filters))
+    noise = 0.0 if sigma is None else float(sigma)
+    if estimated:
+        noise = estimate_noise(array, channel_axis=channel_axis, mask=mask)
+    spread = _contrast(array, channel_axis, mask) if chooses else 1.0
+    if not (math.isfinite(noise) and math.isfinite(spread)):
+        raise ValueError("the image's values are too large to tell signal from noise: rescale them")
     if metric is None:
         metric = "cityblock" if local and radius is None else "chebyshev"
     # What was given is checked here, whatever becomes of it; the image's own size cuts the window short.
@@ -166,10 +171,10 @@ def plan_denoising(
     opponent = False
     # Half a grey level: what rounding alone may add.
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
-    if negligible and (estimated or noise == 0) and weights is None and (lam is None or not local):
+    if chooses and negligible and (estimated or noise == 0):
         degree = 2.0 if p is None else float(p)
         return DenoisePlan(noise, estimated, constant(), p=degree, lam=math.inf, max_iter=0, tol=tol, eps=eps, **place)
-    if not local and p in (None, 2):
+    if filters:
         # lam = 2: the centre counted once
         default_lam, default_iterations = 2.0, 1
         if weights is None:
@@ -194,7 +199,7 @@ def plan_denoising(
         if tol is None and max_iter is None and degree != 2:
             tol = 1e-4
     return DenoisePlan(
-        sigma=noise,
+        sigma=noise if estimated or sigma is not None else None,
         estimated=estimated,
         weights=weights,
         p=2.0 if p is None else float(p),
@@ -209,9 +214,14 @@ def plan_denoising(
 
 def weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLike:
     """The plan's weights for the pixels `f0`, (..., m)."""
-    if plan.opponent and isinstance(plan.weights, Weights):
-        return guided(plan.weights, f0.reshape(-1, 3) @ _OPPONENT.T)
-    return plan.weights
+    if not (plan.opponent and isinstance(plan.weights, Weights)):
+        return plan.weights
+    guide = np.empty(f0.shape, f0.dtype)
+    red, green, blue = np.moveaxis(f0, -1, 0)
+    for c, (r, g, b) in enumerate(_OPPONENT.astype(f0.dtype)):
+        # not a matrix product, whose order of sums may depend on where a pixel lies
+        guide[..., c] = r * red + g * green + b * blue
+    return Guided(plan.weights, guide.reshape(-1, 3))
 
 
 def checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> npt.NDArray[Any]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .backends import Array, Backend, Conductance, Weighted
 from .bipartite import has_swinging_part
-from .graph import FloatArray, Graph, GridGraph, unmasked
+from .graph import FloatArray, Graph, GridGraph, all_finite, unmasked
 from .weights import Weights
 
 AnyGraph = Graph | GridGraph
@@ -25,7 +25,7 @@ RELATIVE_EPS = 1e-3
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
-    """`values` as a float function on the vertices, (n, m), after checking shape and finiteness.
+    """`values` as a float function on the vertices, (n, m), checked for shape and finiteness; a view where it can be.
 
     Outside the mask of a grid anything is allowed; what is not finite there becomes 0.
     """
@@ -45,11 +45,14 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
         raise ValueError(f"{name} must have shape {allowed}, got {array.shape}")
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
-    flat = flat.astype(np.float64 if flat.dtype.itemsize > 4 or flat.dtype.kind != "f" else np.float32)
+    wide = flat.dtype.itemsize > 4 or flat.dtype.kind != "f"
+    flat = flat.astype(np.float64 if wide else np.float32, copy=False)
+    if all_finite(flat):
+        return flat
     bad = ~np.isfinite(flat)
     if isinstance(graph, GridGraph) and graph.mask is not None:
         outside = ~graph.mask.reshape(-1, 1)
-        flat[bad & outside] = 0
+        flat = np.where(bad & outside, flat.dtype.type(0), flat)
         bad &= ~outside
     if bad.any():
         raise ValueError(
@@ -196,7 +199,11 @@ def _spread(f: FloatArray) -> float:
 
 def default_eps(f0: FloatArray, p: float) -> float:
     """Smoothing where the caller names none: 1e-3 of the data's range, or 0 for p = 2, which does not depend on it."""
-    return 0.0 if p == 2 else RELATIVE_EPS * (_spread(f0) or float(np.abs(f0).max(initial=0)) or 1.0)
+    if p == 2:
+        return 0.0
+    spread = _spread(f0)
+    # a constant's own size where there is no range
+    return RELATIVE_EPS * (spread or (abs(float(f0.flat[0])) if f0.size else 0.0) or 1.0)
 
 
 def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]) -> float:
@@ -278,6 +285,8 @@ class DeviceProblem:
 
     def swings(self) -> bool:
         """Whether a plain sweep can go on forever between two states (a part without data that is bipartite)."""
+        if np.min(self.problem.lam) > 0:  # before the weights come back from the device
+            return False
         return has_swinging_part(self.problem.graph, self._host_gamma(), self.problem.lam)
 
     def _host_gamma(self) -> FloatArray | None:

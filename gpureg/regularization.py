@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import Graph, GridGraph
+from .graph import FloatArray, Graph, GridGraph, all_finite
 from .problem import DeviceProblem, Problem, as_function
 from .result import Interrupted, Result, Stop
 from .solvers import Solver, resolve, run
-from .solvers.loop import Callback, progress_bar
-from .weights import Weights
+from .solvers.loop import Callback, expect_finite, progress_bar
+from .weights import Weights, unguided
 
 
 def regularize(
@@ -172,12 +172,8 @@ def regularize(
             update_weights=None if update_weights is None else int(update_weights),
         )
     value = outcome.problem.get_function(outcome.f)
-    if isinstance(graph, GridGraph) and graph.mask is not None:
-        # Vertices outside the mask come back as they came, NaN included.
-        outside = ~graph.mask.ravel()
-        value[outside] = np.asarray(f0).reshape(value.shape)[outside]
     result = Result(
-        value=value.reshape(np.shape(f0)),
+        value=_as_given(value, f0, graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
         energy=np.array(outcome.energy),
@@ -191,3 +187,56 @@ def regularize(
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)
     return result
+
+
+def one_sweep(
+    f0: npt.ArrayLike,
+    graph: GridGraph,
+    *,
+    lam: float | npt.ArrayLike,
+    weights: Weights | npt.ArrayLike,
+    eps: float | None = None,
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+) -> Result:
+    """:func:`regularize` with p = 2, one undamped Jacobi sweep, and weights that are computed but not stored.
+
+    `weights` are such as :func:`gpureg.weights.is_patch` finds. An energy needs stored weights: the result has none.
+    """
+    begin = time.perf_counter()
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
+    problem = Problem.make(
+        f0, graph, p=2.0, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
+    )
+    device = backends.get(backend, kind)
+    assert isinstance(weights, Weights)
+    function, guide = unguided(weights, graph)
+    with np.errstate(over="ignore", invalid="ignore"):
+        f = problem.f0.astype(kind, copy=False)
+        guide = guide if guide is None else guide.astype(kind, copy=False)
+        form = function.form(graph, (f if guide is None else guide).shape[1], kind)
+        on_device = problem.lam if isinstance(problem.lam, float) else device.put(graph, problem.lam[:, None])
+        value = device.get(graph, device.similarity_step(graph, f, form, device.put(graph, f), on_device, guide=guide))
+    if not all_finite(value):
+        expect_finite(device, 1, math.nan)
+    return Result(
+        value=_as_given(value, f0, graph),
+        iterations=1,
+        stop=Stop.MAX_ITER,
+        energy=np.empty(0),
+        checks=np.empty(0, np.int64),
+        gap=None,
+        eps=problem.eps,
+        method="Gauss-Jacobi (eq. 25), its weights computed and not stored.",
+        backend=repr(device),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _as_given(value: FloatArray, f0: npt.ArrayLike, graph: Graph | GridGraph) -> npt.NDArray[Any]:
+    """A regularized function (n, m) in the shape of the data."""
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        # Vertices outside the mask come back as they came, NaN included.
+        outside = ~graph.mask.ravel()
+        value[outside] = np.asarray(f0).reshape(value.shape)[outside]
+    return value.reshape(np.shape(f0))

@@ -1,9 +1,9 @@
 """Weight functions w(u, v): how alike two vertices are (section 5.2 and figures 5 to 8 of the paper).
 
 A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the
-form s(u, v) exp(-patch distance) are computed there; any other derives from :class:`EdgeWeights` and says in
-numpy what the weight between arrays of vertices is. To add one: a class, a function below it, and a row in
-``tests/test_weights.py``.
+form s(u, v) exp(-patch distance) derive from :class:`PatchWeights` and are computed there; any other derives from
+:class:`EdgeWeights` and says in numpy what the weight between arrays of vertices is. To add one: a class, a function
+below it, and a row in ``tests/test_weights.py``.
 """
 
 from __future__ import annotations
@@ -30,6 +30,18 @@ class Weights(ABC):
     @abstractmethod
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
+
+
+class PatchWeights(Weights):
+    """A weight function of the form s(u, v) exp(-patch distance), computed on the device."""
+
+    @abstractmethod
+    def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
+        """These weights on a graph, between data of so many channels, as a backend of this type takes them."""
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, on the backend's device."""
+        return backend.patch_distance(graph, f0, self.form(graph, f0.shape[1], backend.dtype))
 
 
 class EdgeWeights(Weights):
@@ -75,10 +87,10 @@ def _positive(name: str, value: float, *, infinite: bool = False) -> float:
     return float(value)
 
 
-def _inverse_square(sigma: float, backend: Backend) -> float:
-    """1/sigma^2, at most the largest number of the backend's type: infinity times a distance of 0 is no number."""
+def _inverse_square(sigma: float, dtype: npt.DTypeLike) -> float:
+    """1/sigma^2, at most the largest number of the type: infinity times a distance of 0 is no number."""
     with np.errstate(over="ignore", divide="ignore"):
-        return float(min(np.float64(sigma) ** -2, np.finfo(backend.dtype).max))
+        return float(min(np.float64(sigma) ** -2, np.finfo(np.dtype(dtype)).max))
 
 
 @dataclass(frozen=True)
@@ -93,14 +105,14 @@ class Constant(Weights):
 
 
 @dataclass(frozen=True)
-class Bilateral(Weights):
+class Bilateral(PatchWeights):
     """See :func:`bilateral`."""
 
     sigma_space: float
     sigma_value: float
 
-    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with weights w1."""
+    def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
+        """The weights w1: patches of one vertex."""
         spatial = None
         if math.isfinite(self.sigma_space):
             if isinstance(graph, GridGraph):
@@ -109,13 +121,11 @@ class Bilateral(Weights):
                 steps = _positions(graph, graph.indices) - _positions(graph, graph.edge_rows())
             # divided first: the square of a tiny sigma would be 0
             spatial = np.exp(-((steps / self.sigma_space) ** 2).sum(axis=1))
-        return backend.patch_distance(
-            graph, f0, PatchForm(np.ones(1), 0.0, _inverse_square(self.sigma_value, backend), spatial)
-        )
+        return PatchForm(np.ones(1), 0.0, _inverse_square(self.sigma_value, dtype), spatial)
 
 
 @dataclass(frozen=True)
-class Patch(Weights):
+class Patch(PatchWeights):
     """See :func:`patch`."""
 
     radius: int
@@ -123,16 +133,15 @@ class Patch(Weights):
     sigma: float = 0.0
     a: float | None = None
 
-    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with weights w2."""
+    def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
+        """The weights w2."""
         steps = np.arange(-self.radius, self.radius + 1)
         profile = np.ones(len(steps)) if self.a is None else np.exp(-(steps**2) / (2 * self.a**2))
         if self.a is not None:
             profile = profile / profile.sum()
         ndim = graph.ndim if isinstance(graph, GridGraph) else 1 if graph.grid is None else graph.grid.ndim
-        samples = f0.shape[1] * profile.sum() ** ndim
-        form = PatchForm(profile, 2 * self.sigma**2 * samples, _inverse_square(self.h, backend))
-        return backend.patch_distance(graph, f0, form)
+        samples = channels * profile.sum() ** ndim
+        return PatchForm(profile, 2 * self.sigma**2 * samples, _inverse_square(self.h, dtype))
 
 
 @dataclass(frozen=True)
@@ -173,11 +182,31 @@ class Guided(Weights):
     weights: Weights
     guide: FloatArray
 
-    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with weights computed from the guide."""
+    def of(self, graph: AnyGraph) -> FloatArray:
+        """The guide, once it has a row for every vertex of the graph."""
         if len(self.guide) != graph.n_vertices:
             raise ValueError(f"the guide must have {graph.n_vertices} rows, one per vertex, got {len(self.guide)}")
-        return self.weights.prepare(backend, graph, self.guide)
+        return self.guide
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with weights computed from the guide."""
+        return self.weights.prepare(backend, graph, self.of(graph))
+
+
+def is_patch(weights: object) -> bool:
+    """Whether these are patch weights, with a guide or without."""
+    while isinstance(weights, Guided):
+        weights = weights.weights
+    return isinstance(weights, PatchWeights)
+
+
+def unguided(weights: Weights, graph: AnyGraph) -> tuple[PatchWeights, FloatArray | None]:
+    """Patch weights without their guide, and the guide (n, q), or None where they compare the data."""
+    guide: FloatArray | None = None
+    while isinstance(weights, Guided):
+        guide, weights = weights.of(graph), weights.weights
+    assert isinstance(weights, PatchWeights)
+    return weights, guide
 
 
 def constant() -> Weights:

@@ -238,7 +238,8 @@ def test_json(noisy, tmp_path):
     assert (got["width"], got["height"], got["channels"], got["dtype"], got["alpha"]) == (64, 64, 1, "uint8", False)
     assert got["sigma_estimated"] is True and abs(got["sigma"] - SIGMA) < 0.2 * SIGMA
     assert got["backend"].startswith("numpy") and got["version"] == gpureg.__version__
-    assert got["iterations"] == 1 and len(got["energy"]) >= 2 and got["seconds"] >= 0
+    # one step of nonlocal means stores no weights, which an energy would need
+    assert got["iterations"] == 1 and got["energy"] == [] and got["seconds"] >= 0
 
 
 def test_json_of_a_clean_picture(flat, tmp_path):

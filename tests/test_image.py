@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from cases import rng
+from cases import TOLERANCES, rng
 
 import gpureg as gr
 from gpureg import image as door
+from gpureg import plan as planning
 
 
 def blocks(shape: tuple[int, ...] = (48, 64), size: int = 16) -> np.ndarray:
@@ -99,12 +100,85 @@ def test_bands_give_the_whole_image(
     call = {**settings, "lam": lam, "channel_axis": channels, "backend": device, "sigma": 20.0}
     whole = gr.denoise_image(before, **call)
     parts = []
-    regularize = door.regularize
-    monkeypatch.setattr(door, "regularize", lambda *a, **k: parts.append(len(a[0])) or regularize(*a, **k))
+
+    def counted(run):
+        return lambda *a, **k: parts.append(len(a[0])) or run(*a, **k)
+
+    for name in ("regularize", "one_sweep"):
+        monkeypatch.setattr(door, name, counted(getattr(door, name)))
     monkeypatch.setattr(door, "BAND_BYTES", 40_000)
     banded = gr.denoise_image(before, **call)
     assert len(parts) > 1
     assert banded.tobytes() == whole.tobytes()
+
+
+ONE_SWEEP = {
+    "bilateral": {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2},
+    "patches": {"weights": gr.weights.patch(1, 150.0, sigma=20.0), "radius": 3, "metric": "euclidean"},
+    "opponent colours": {},
+}
+
+
+@pytest.mark.parametrize("name", ONE_SWEEP)
+@pytest.mark.parametrize("channels", [None, -1])
+def test_one_sweep_is_that_of_regularize(device: str, name: str, channels: int | None) -> None:
+    """At p = 2 one iteration of weights that are not stored: the same as with stored ones, but for the energies."""
+    picture = blocks((35, 43)) if channels is None else np.stack([blocks((35, 43))] * 3, -1)
+    before = noisy(picture, 20).astype(np.float32)
+    mask = np.ones(before.shape[:2], bool)
+    mask[3:9, 30:] = False
+    lam = np.where(rng(5).random(mask.shape) < 0.1, np.inf, rng(7).random(mask.shape) + 0.5)
+    chosen = gr.plan_denoising(before, sigma=20.0, lam=lam, mask=mask, channel_axis=channels, **ONE_SWEEP[name])
+    result = gr.run_plan(chosen, before, mask=mask, channel_axis=channels, backend=device)
+    assert len(result.energy) == len(result.checks) == 0
+    assert (result.iterations, result.stop) == (1, gr.Stop.MAX_ITER)
+    data = door.filled(before.reshape(*mask.shape, -1), mask)
+    grid = gr.GridGraph(mask.shape, chosen.radius, chosen.metric, mask=mask)
+    stored = gr.regularize(
+        data, grid, p=2, lam=lam, weights=door.weights_of(chosen, data), max_iter=1, backend="numpy", dtype="float64"
+    )
+    far = np.abs(result.value - stored.value.reshape(before.shape))[mask]
+    assert far.max() <= TOLERANCES["float32"] * np.abs(before).max()
+
+
+def test_a_plain_sweep_alone_goes_without_stored_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any other wish needs what the one step does not give, and runs as ever."""
+    before = noisy(blocks((20, 24)), 20)
+    calls = []
+    one_sweep = door.one_sweep
+    monkeypatch.setattr(door, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
+    call = {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "sigma": 20.0, "backend": "numpy"}
+    for wish in ({}, {"lam": 0, "solver": gr.Jacobi(damping=1)}, {"dtype": "float64"}, {"solver": gr.Jacobi()}):
+        gr.denoise_image(before, **{**call, **wish})
+    assert len(calls) == 4
+    for wish in (
+        {"max_iter": 2},
+        {"p": 1, "lam": 0.1, "max_iter": 1},
+        {"tol": 1e-3},
+        {"callback": lambda check: None},
+        {"solver": gr.Jacobi(damping=0.5)},
+        {"solver": "euler"},
+        {"lam": 0},  # the default may be damped there
+        {"weights": gr.weights.constant()},
+    ):
+        gr.denoise_image(before, **{**call, **wish})
+    assert len(calls) == 4
+
+
+def test_noise_is_not_looked_for_where_it_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = noisy(blocks(), 20)
+    looked = []
+    estimate = planning.estimate_noise
+    monkeypatch.setattr(planning, "estimate_noise", lambda *a, **k: looked.append(1) or estimate(*a, **k))
+    given = gr.plan_denoising(before, weights=gr.weights.bilateral(2.0, 60.0), lam=2)
+    assert given.sigma is None and not given.estimated
+    assert "bilateral" in given.describe()
+    assert gr.plan_denoising(before, p=1, lam=0.1, weights=gr.weights.constant()).sigma is None
+    assert gr.plan_denoising(before, weights=gr.weights.bilateral(2.0, 60.0), sigma=5.0).sigma == 5.0
+    assert not looked
+    for some in ({}, {"p": 1}, {"weights": gr.weights.constant()}, {"lam": 2}):
+        assert gr.plan_denoising(before, **some).estimated
+    assert len(looked) == 4
 
 
 def test_weights_that_know_all_vertices_are_not_cut_into_bands(monkeypatch: pytest.MonkeyPatch) -> None:

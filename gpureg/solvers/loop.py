@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backends import Array
+from ..backends import Array, Backend
 from ..graph import FloatArray
 from ..problem import DeviceProblem
 from ..result import Stop
@@ -83,6 +83,15 @@ class Outcome:
     method: str
 
 
+def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
+    """FloatingPointError unless these numbers, met after `done` iterations, are finite."""
+    if not all(map(math.isfinite, numbers)):
+        raise FloatingPointError(
+            f"values are not finite after {done} iterations: the data, lam or eps are out of the range of "
+            f"{np.dtype(backend.dtype)}; rescale the data, or use float64"
+        )
+
+
 @contextmanager
 def progress_bar(show: bool, total: int, unit: str = "iterations") -> Iterator[Callable[[int], None]]:
     """A bar on the terminal's error stream that leaves nothing behind; it pulses until the first report."""
@@ -123,14 +132,7 @@ def run(
     energies, checks = [problem.energy(initial)], [0]
     state, done = solver.start(problem, initial), 0
 
-    def expect_finite(*numbers: float) -> None:
-        if not all(map(math.isfinite, numbers)):
-            raise FloatingPointError(
-                f"values are not finite after {done} iterations: the data, lam or eps are out of the range of "
-                f"{np.dtype(backend.dtype)}; rescale the data, or use float64"
-            )
-
-    expect_finite(energies[0])
+    expect_finite(backend, done, energies[0])
 
     def outcome(stop: Stop) -> Outcome:
         method = solver.describe(state)
@@ -169,7 +171,7 @@ def run(
                 continue  # only the weights are due
             change = problem.change(state.f, state.previous)
             energy = problem.energy(state.f)
-            expect_finite(change, energy)
+            expect_finite(backend, done, change, energy)
             energies.append(energy)
             checks.append(done)
             report(done)
