@@ -169,6 +169,14 @@ class OpenCLBackend(Backend):
         cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
         return buffer
 
+    def _between_zeros(self, size: int, guard: int) -> cl.Buffer:
+        """A buffer of which only so many numbers at either end are 0: for what a kernel fills wholly."""
+        buffer = self._allocate(size * self.dtype.itemsize)
+        nbytes, edge = max(size, 1) * self.dtype.itemsize, guard * self.dtype.itemsize
+        for begin in (0, nbytes - edge) if edge else ():
+            cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), begin, edge)
+        return buffer
+
     def _scratch(self, size: int) -> cl.Buffer:
         """A buffer of at least so many numbers, of any content, for the work queued next.
 
@@ -309,10 +317,10 @@ class OpenCLBackend(Backend):
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
         topology, f = self._topology(graph), np.asarray(f, self.dtype)
-        weights = self._zeros(topology.weight_size())
         similarity = () if form.scale is None else ("-DSIMILARITY",)
         if isinstance(topology, GridLayout):
             assert isinstance(graph, GridGraph)
+            weights = self._between_zeros(topology.weight_size(), topology.weight_guard)
             if topology.H:
                 strips = self._strips(graph, form, 1)
                 planes = self.upload(strips.planes(f))
@@ -323,6 +331,7 @@ class OpenCLBackend(Backend):
                 options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
                 self._launch_strips("patch_distance", options, args, strips.size, strips)
             return Weighted(graph, topology, weights)
+        weights = self._allocate(topology.weight_size() * self.dtype.itemsize)
         padded, sites = padded_for_patches(graph, f, form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))

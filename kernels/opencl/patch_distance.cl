@@ -46,12 +46,15 @@ ALONE __kernel void patch_distance(
             __global real *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
             const bool has = from <= y && y < until;
             if (has) sum_along(down + y * WIDE, profile, rho);
-            for (int p = 0; p < B && x0 + p * N < width_; ++p) {
+            int p = 0;
+            for (; p < B && x0 + p * N < width_; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N;
                 realN w = 0;
                 if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], spatial[k]), u, u + ahead, x0 + p * N);
                 STORE(to, p * N, w);
             }
+            if (x0 + p * N < width_) continue;
+            for (; x0 + p * N < weight_pitch; ++p) STORE(to, p * N, (realN)(0)); /* the zeros behind a row */
         }
     }
 }
