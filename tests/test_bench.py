@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from bench import cases as bench_cases
 from bench import machine, table
 from bench.model import Setup
 from bench.run import Run
-
 from gpureg import backends
 
 DEVICES = [device.id for device in backends.devices()]
