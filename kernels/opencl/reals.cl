@@ -39,8 +39,11 @@ typedef lane laneN;
 #else
 typedef CONCATENATE(REAL_, N) realN;
 typedef CONCATENATE(LANE_, N) laneN;
-#define LOAD(p, i) CONCATENATE(vload, N)(0, (p) + (i))
-#define STORE(p, i, x) CONCATENATE(vstore, N)((x), 0, (p) + (i))
+/* A pack anywhere in memory, as one load: PoCL's vload16 is a tree of loads of 2, which its compiler does not always put
+ * together again. */
+typedef realN anywhere __attribute__((aligned(sizeof(real))));
+#define LOAD(p, i) (*(__global const anywhere *)((p) + (i)))
+#define STORE(p, i, x) (*(__global anywhere *)((p) + (i)) = (x))
 #if N == 2
 #define LANES ((laneN)(0, 1))
 #elif N == 4
@@ -74,38 +77,54 @@ static inline realN raise(const realN x, const real power)
     return positive ? pow(positive ? x : (realN)(1), (realN)(power)) : (realN)(power > 0 ? (real)0 : (real)INFINITY);
 }
 
-/* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */
-#if defined(DOUBLE) || defined(SUM_DOUBLE)
-typedef struct { double sum; } long_sum;
-static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
-static inline long_sum sum_add(long_sum s, const real x) { s.sum += (double)x; return s; }
-static inline double sum_value(const long_sum s) { return s.sum; }
-typedef double sum_t;
+/* A long sum of packs, lane by lane: in float64 where the device has it, otherwise compensated (Neumaier), error about 2
+ * roundings. sum_value adds the lanes at the end, in their order. */
+#if N == 1
+#define LANE(x, i) (x)
+#define TO_DOUBLE(x) ((double)(x))
 #else
-typedef struct { float sum, lost; } long_sum;
-static inline long_sum sum_start(void) { long_sum s; s.sum = 0; s.lost = 0; return s; }
-static inline long_sum sum_add(long_sum s, const real x)
+#define LANE(x, i) (x)[i]
+#define TO_DOUBLE(x) CONCATENATE(convert_double, N)(x)
+#endif
+
+#if defined(DOUBLE) || defined(SUM_DOUBLE)
+#if N == 1
+typedef double doubleN;
+#else
+typedef CONCATENATE(double, N) doubleN;
+#endif
+typedef struct { doubleN sum; } long_sum;
+typedef double sum_t;
+static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
+static inline long_sum sum_add(long_sum s, const realN x) { s.sum += TO_DOUBLE(x); return s; }
+static inline double sum_value(const long_sum s)
 {
-    const float t = s.sum + x;
+    double total = 0;
+    for (int i = 0; i < N; ++i) total += LANE(s.sum, i);
+    return total;
+}
+#else
+typedef struct { realN sum, lost; } long_sum;
+typedef float sum_t;
+static inline long_sum sum_start(void) { long_sum s; s.sum = 0; s.lost = 0; return s; }
+static inline long_sum sum_add(long_sum s, const realN x)
+{
+    const realN t = s.sum + x;
     s.lost += fabs(s.sum) >= fabs(x) ? (s.sum - t) + x : (x - t) + s.sum;
     s.sum = t;
     return s;
 }
-static inline float sum_value(const long_sum s) { return s.sum + s.lost; }
-typedef float sum_t;
-#endif
-
-static inline long_sum sum_add_pack(long_sum s, const realN x)
+static inline float sum_value(const long_sum s)
 {
-#if N == 1
-    return sum_add(s, x);
-#else
-    real parts[N];
-    STORE(parts, 0, x);
-    for (int i = 0; i < N; ++i) s = sum_add(s, parts[i]);
-    return s;
-#endif
+    float total = 0, lost = 0;
+    for (int i = 0; i < N; ++i) {
+        const float x = LANE(s.sum, i), t = total + x;
+        lost += (fabs(total) >= fabs(x) ? (total - t) + x : (x - t) + total) + LANE(s.lost, i);
+        total = t;
+    }
+    return total + lost;
 }
+#endif
 
 static inline real largest_lane(const realN x)
 {
@@ -113,7 +132,7 @@ static inline real largest_lane(const realN x)
     return x;
 #else
     real parts[N], largest;
-    STORE(parts, 0, x);
+    CONCATENATE(vstore, N)(x, 0, parts);
     largest = parts[0];
     for (int i = 1; i < N; ++i) largest = parts[i] > largest ? parts[i] : largest;
     return largest;
