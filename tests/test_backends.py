@@ -583,8 +583,8 @@ MUTATIONS = [
     ("jacobi_step", "isinf(lam) || !(denominator > SMALLEST)", "!(denominator > SMALLEST)"),
     ("jacobi_step", "here[c] + theta *", "here[c] + (real)1.00001f * theta *"),
     ("gradient_norm", "sum[c] += eps2", "sum[c] += 0"),
-    ("p_laplacian", "k < 2 * H; ++k) {", "k < 2 * H - 1; ++k) {"),
-    ("degree", "used = x + LANES < width", "used = x + LANES < width - 1"),
+    ("p_laplacian", "k < WINDOW; ++k) {", "k < WINDOW - 1; ++k) {"),
+    ("degree", "used = (x) + LANES < width", "used = (x) + LANES < width - 1"),
     ("energy", "fidelity += d * d", "fidelity += d"),
 ]
 

@@ -93,14 +93,17 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 /* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. Without
  * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they compute is dropped. */
 #ifdef GAMMA
+#define EDGE_PLACE
 #define EDGE_FACTORS                                                                                                 \
     const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));
 #elif defined(WEIGHTED)
-#define EDGE_FACTORS                                                                                                 \
-    const realN w =                                                                                                  \
-        forward ? LOAD(weights, weight_guard + ((long)row * HALF + (k - HALF)) * weight_pitch + x)                   \
-                : LOAD(weights, weight_guard + ((long)(row + row_jump) * HALF + (HALF - 1 - k)) * weight_pitch + x + step);
+#define EDGE_PLACE                                                                                                   \
+    const long place =                                                                                               \
+        weight_guard + (forward ? ((long)row * HALF + (k - HALF)) * weight_pitch                                     \
+                                : ((long)(row + row_jump) * HALF + (HALF - 1 - k)) * weight_pitch + step);
+#define EDGE_FACTORS const realN w = LOAD(weights, place + x);
 #else
+#define EDGE_PLACE
 #define EDGE_FACTORS                                                                                                 \
     const realN w = inner_columns ? (realN)(1) : WHERE(x + LANES + step >= 0 && x + LANES + step < width, 1);
 #endif
@@ -114,17 +117,17 @@ __constant const int window_rows[] = {WINDOW_ROWS};
 #define WINDOW_ROW(k) window_rows[k]
 #endif
 #define HALF (WINDOW / 2)
-#define NEIGHBOURS                                                                                                   \
+#define OFFSETS                                                                                                      \
     _Pragma("unroll") for (int k = 0; k < WINDOW; ++k) {                                                             \
         const int row_jump = WINDOW_ROW(k), step = window_steps[k];                                                  \
         const bool forward = k >= HALF;                                                                              \
         if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                                                \
         const long v = u + row_jump * pitch + step;                                                                  \
-        EDGE_FACTORS
+        EDGE_PLACE
 #define END }
 #else
 #define HALF H
-#define NEIGHBOURS                                                                                                   \
+#define OFFSETS                                                                                                      \
     for (int run = 0; run < n_runs; ++run) {                                                                         \
         const int first = runs[3 * run], from = runs[3 * run + 1], last = first + runs[3 * run + 2];                 \
         if (!inner_rows && !ROW_EXISTS(first)) continue;                                                                            \
@@ -133,9 +136,10 @@ __constant const int window_rows[] = {WINDOW_ROWS};
         for (int k = first; k < last; ++k) {                                                                         \
             const int step = from + k - first;                                                                       \
             const long v = u + row_jump * pitch + step;                                                              \
-            EDGE_FACTORS
+            EDGE_PLACE
 #define END }}
 #endif
+#define NEIGHBOURS OFFSETS EDGE_FACTORS
 
 #define USED(x) WHERE(used, x)
 
