@@ -495,8 +495,6 @@ class OpenCLBackend(Backend):
             self.real(eps) ** 2,
             *lams,
             self.real(theta),
-            np.int32(layout.n_segments),
-            layout.segments_buffer,
             np.int32(blocks.band),
             np.int32(blocks.stretch),
             np.int32(layout.jump),

@@ -29,6 +29,9 @@ CACHE_LINE = 64
 WORKING_SET = 1 << 19
 HALO = 32
 
+# Columns of a block through a wide window: its weights are read in stretches as long as this.
+WIDE_STRETCH = 1024
+
 
 def window_runs(offsets: IntArray) -> IntArray:
     """Runs of offsets next to each other on one row, (runs, 3): number of the first, its last coordinate, how many.
@@ -44,29 +47,6 @@ def window_runs(offsets: IntArray) -> IntArray:
     return np.array([(k, offsets[k, -1], count) for k, count in zip(starts, counts, strict=True)], np.int64).reshape(
         -1, 3
     )
-
-
-def window_segments(offsets: IntArray, jumps: IntArray, both: bool) -> IntArray:
-    """The common window of a row and, with `both`, of the next one, (segments, 5): what ``sweep.cl`` goes through.
-
-    A segment is a jump of rows from the first row, a first step along the row, a number of steps, and the numbers of its
-    first offset in the window of the first and of the second row, -1 where it is not in that window. By rows and steps,
-    so that each row meets its offsets in their order.
-    """
-    first = {(int(j), int(o)): k for k, (j, o) in enumerate(zip(jumps, offsets[:, -1], strict=True))}
-    places = sorted(first.keys() | ({(j + 1, o) for j, o in first} if both else set()))
-    found: list[list[int]] = []
-    for jump, step in places:
-        ks = [first.get((jump, step), -1), first.get((jump - 1, step), -1) if both else -1]
-        if found:
-            last = found[-1]
-            # both go on where they are, and stay in their half of the window
-            follows = [last[3] + last[2] if last[3] >= 0 else -1, last[4] + last[2] if last[4] >= 0 else -1]
-            if last[0] == jump and last[1] + last[2] == step and follows == ks:
-                last[2] += 1
-                continue
-        found.append([jump, step, 1, *ks])
-    return np.array(found, np.int64).reshape(-1, 5)
 
 
 def round_up(value: int, multiple: int) -> int:
@@ -188,7 +168,7 @@ class CsrLayout(Layout):
 class Blocks:
     """How ``sweep.cl`` cuts a grid: `count` blocks along both axes, of `band` rows and `stretch` columns each.
 
-    A block's ring has `slots` rows for each gradient norm, `ring_pitch` numbers each and `ring_size` in all.
+    A block's ring has `slots` rows of the grid, numbers of `ring_pitch` in a row of one function, `ring_size` in all.
     """
 
     band: int
@@ -228,9 +208,7 @@ class GridLayout(Layout):
         runs = window_runs(offsets)
         self.n_runs, self.runs = len(runs), upload(runs.astype(np.int32))
         compiled_in = graph.ndim <= 2 and 0 < len(offsets) <= SMALL_WINDOW
-        self.rows_together = 2 if graph.ndim == 2 and not compiled_in else 1
-        segments = window_segments(offsets, row_jumps, self.rows_together == 2)
-        self.n_segments, self.segments_buffer = len(segments), upload(segments.astype(np.int32))
+        self.wide = graph.ndim <= 2 and not compiled_in
         if compiled_in:
             self.options += (f"-DWINDOW={len(offsets)}", "-DWINDOW_STEPS=" + ",".join(map(str, offsets[:, -1])))
             self.options += ("-DWINDOW_ROWS=" + ",".join(map(str, row_jumps)),)
@@ -241,9 +219,9 @@ class GridLayout(Layout):
         self.global_size = (packs, self.rows)
 
     def spread(self, cells: int) -> int:
-        """Numbers from one row to the next, room for `cells` in whole packs, such that neighbouring rows do not share
-        the sets of a cache: an odd number of cache lines. (With 1024 numbers all rows begin in the same set, and more
-        than 8 of them push each other out.)
+        """Numbers from one row of `cells` in whole packs to the next: an odd number of cache lines.
+
+        With 1024 numbers all rows would begin in the same set of a cache, and more than 8 push each other out.
         """
         packs, line = round_up(cells, self.N), CACHE_LINE // self.itemsize
         return packs + line if packs % (2 * line) == 0 else packs
@@ -251,19 +229,19 @@ class GridLayout(Layout):
     def blocks(self, channels: int, norms: int, weighted: bool, cores: int) -> Blocks:
         """Blocks for a fused sweep on so many cores."""
         margin = round_up(self.reach, self.N)
-        slots = 2 * self.jump + self.rows_together
+        slots, row = (self.jump + 1, 3 * norms + channels) if self.wide else (2 * self.jump + 1, norms)
         # what a core has in use at a time, in bytes per column: its rows of the ring, f and the weights
-        column = self.itemsize * slots * (norms + channels + (self.H if weighted else 0))
-        stretch = round_up(max(WORKING_SET // column, 16 * margin), self.N)
+        column = self.itemsize * (2 * self.jump + 1) * (norms + channels + (self.H if weighted else 0))
+        stretch = WIDE_STRETCH if self.wide else round_up(max(WORKING_SET // column, 16 * margin), self.N)
         across = -(-self.W // stretch)
         most = max(1, self.rows // (HALO * max(1, self.jump)))
         bands = min(self.rows, max(-(-cores // across), min(most, -(-8 * cores // across))))
         across = max(across, min(-(-cores // bands), -(-self.W // (16 * self.N))))
         stretch = round_up(-(-self.W // across), self.N)
-        band = round_up(-(-self.rows // bands), self.rows_together)
+        band = -(-self.rows // bands)
         ring_pitch = self.spread(stretch + 2 * margin + self.N)
         count = (-(-self.W // stretch), -(-self.rows // band))
-        return Blocks(band, stretch, count, slots, ring_pitch, slots * norms * ring_pitch)
+        return Blocks(band, stretch, count, slots, ring_pitch, slots * row * ring_pitch)
 
     def rings(self, blocks: Blocks, allocate: Callable[[int], Buffer]) -> Buffer:
         """Scratch for these blocks, kept for the next sweep."""

@@ -9,14 +9,15 @@
  * depend on the block it falls in: an image cut into parts has the bits of the whole.
  *
  * One work item: a block, a band of rows times a stretch of columns. It goes down the rows; the gradient norms of a row
- * are found `jump` rows before those of its update are needed, and live in a ring of `slots` rows of its own, which stays
- * in the core's cache. So weights and f come from memory once, not twice, and g never goes there. The price: what a block
- * needs of g beyond its border is computed by its neighbours too.
- * Through a wide window (not compiled in) ROWS rows of PACKS packs go together: what a neighbour's f and g bring is used
- * by both rows, and there are several sums in the making, so that additions need not wait for each other. `segments` is
- * their common window: runs of steps on one row that lie in the window of the first row, of the second, or of both.
+ * are found `jump` rows before its update, and live in a ring of rows of the block's own, which stays in the core's cache.
+ * So weights and f come from memory once, not twice, and g never goes there. The price: what a block needs of g beyond its
+ * border is computed by its neighbours too.
+ * Through a wide window on a plane (WIDE: not compiled in) weights decide: all that a block has under way is more than the
+ * second cache holds, and each weight would be fetched for both its ends in both passes. So a row's forward weights serve
+ * both ends at once: run by run (offsets next to each other on one row) first the far end, the row ahead, whose sums wait
+ * in the ring, then the near one. A row thus meets its neighbours in the order of their offsets, as in the two kernels.
  * That suits a CPU: few work items, each long and with a cache of its own. A GPU has neither, and runs the two kernels.
- * Traffic per vertex: reads H weights, 2 M values and lam, writes M numbers.
+ * Traffic per vertex: reads H weights (WIDE: twice), 2 M values and lam, writes M numbers.
  */
 #ifndef GRID
 #define GRID
@@ -26,30 +27,21 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* PoCL's prefetch() does nothing. */
-#ifdef __clang__
-#define PREFETCH(p) __builtin_prefetch((const void *)(size_t)(p))
+#if !defined(WINDOW) && NDIM <= 2
+#define WIDE
+#define RING_ROW (3 * G + M) /* g, |grad f|^2 so far; of the update, sums of conductances and of neighbours so far */
 #else
-#define PREFETCH(p) prefetch(p, N)
+#define RING_ROW G
 #endif
 
 /* Whether a pack has all its neighbours, which a second copy of the code then takes for granted. With weights the zeros
- * among them say where the ends of a row are; a wide window, and one of more than two axes, asks for its rows. */
-#if !defined(WEIGHTED) && NDIM <= 2
-#define INSIDE(x, inner) ((inner) && (x) >= reach && (x) + N + reach <= width)
-#elif defined(WINDOW)
+ * among them say where the ends of a row are; beyond two axes rows are asked for one by one. */
+#if NDIM > 2
+#define INSIDE(x, inner) false
+#elif defined(WEIGHTED)
 #define INSIDE(x, inner) (inner)
 #else
-#define INSIDE(x, inner) false
-#endif
-
-/* The columns of a row, from `from` to `to`, that may be treated in blocks: these do not ask for the ends of a row. */
-#ifdef WEIGHTED
-#define BLOCKS_FROM(from) (from)
-#define BLOCKS_TO(to) (to)
-#else
-#define BLOCKS_FROM(from) max(from, margin)
-#define BLOCKS_TO(to) min(to, width - reach)
+#define INSIDE(x, inner) ((inner) && (x) >= reach && (x) + N + reach <= width)
 #endif
 
 #ifdef LAM_ARRAY
@@ -90,6 +82,7 @@ INLINE void store_update(
     }
 }
 
+#ifndef WIDE
 /* Gradient norms of a pack, into its row of the ring. */
 INLINE void gradient_pack(
     GRAPH_ARGS, __global const real *f, const real eps2, const real power, const int x, const int row, const bool inside,
@@ -137,120 +130,107 @@ INLINE void update_pack(
     store_update(sum, total, f, f0, lams, lam_, theta, out, u, x, width, plane);
 }
 
-#ifdef WINDOW
-#define ROWS 1
 #else
-/* The same for ROWS rows of PACKS packs. All is written out pack by pack: a loop would keep the sums in memory. */
-#if NDIM == 2
-#define ROWS 2
-#define PACKS 2
-#define EACH_PACK(...) { const int q = 0; __VA_ARGS__ } { const int q = 1; __VA_ARGS__ }
-#define BOTH(...) { const int r = 0; EACH_PACK(__VA_ARGS__) } { const int r = 1; EACH_PACK(__VA_ARGS__) }
-#define SEGMENT_EXISTS (row + row_jump >= 0 && row + row_jump < n_rows)
+/* PoCL's prefetch() does nothing. */
+#if defined(WEIGHTED) && defined(__clang__)
+#define PREFETCH(p) __builtin_prefetch((const void *)(size_t)(p))
 #else
-#define ROWS 1
-#define PACKS 4
-#define EACH_PACK(...)                                                                                               \
-    { const int q = 0; __VA_ARGS__ }                                                                                 \
-    { const int q = 1; __VA_ARGS__ }                                                                                 \
-    { const int q = 2; __VA_ARGS__ }                                                                                 \
-    { const int q = 3; __VA_ARGS__ }
-#define BOTH(...) { const int r = 0; EACH_PACK(__VA_ARGS__) }
-#define SEGMENT_EXISTS ROW_EXISTS(first[0])
+#define PREFETCH(p)
 #endif
 
-/* A loop over the common window: first[r] + i is the number of the offset for row r, where first[r] >= 0. */
-#define SEGMENTS                                                                                                     \
-    for (int s = 0; s < n_segments; ++s) {                                                                           \
-        const int row_jump = segments[5 * s], from = segments[5 * s + 1], count = segments[5 * s + 2];               \
-        const int first[2] = {segments[5 * s + 3], segments[5 * s + 4]};                                             \
-        if (!SEGMENT_EXISTS) continue;                                                                               \
-        for (int i = 0; i < count; ++i) {                                                                            \
-            const int step = from + i;                                                                               \
-            const long v = u + row_jump * pitch + step;
+/* Packs treated together, so that additions need not wait for each other; more channels have sums enough. */
+#define PACKS (M == 1 ? 4 : 1)
+#define EACH_PACK _Pragma("unroll") for (int q = 0; q < P; ++q)
 
-/* A neighbour's part in the sums of row r. */
+/* Weights of a run for the packs q, and their lanes that have a neighbour. */
 #ifdef WEIGHTED
-#define OF_ROW(r_, ...)                                                                                              \
-    if (r_ < ROWS && first[r_] >= 0) {                                                                               \
-        const int r = r_, k = first[r_] + i;                                                                         \
-        const long place =                                                                                           \
-            weight_guard + x + (k >= H ? ((long)(row + r) * H + (k - H)) * weight_pitch                              \
-                                       : ((long)(row + row_jump) * H + (H - 1 - k)) * weight_pitch + step);          \
-        EACH_PACK(const realN w = LOAD(weights, place + q * N); __VA_ARGS__)                                         \
-    }
+#define RUN_WEIGHT const realN w = LOAD(w0, x + q * N + j * stride);
+#define EDGE_WEIGHT RUN_WEIGHT
+#define IN_BLOCKS(x) true
 #else
-#define OF_ROW(r_, ...)                                                                                              \
-    if (r_ < ROWS && first[r_] >= 0) {                                                                               \
-        const int r = r_;                                                                                            \
-        const real w = 1;                                                                                            \
-        EACH_PACK(__VA_ARGS__)                                                                                       \
-    }
+#define RUN_WEIGHT const real w = 1;
+#define EDGE_WEIGHT const realN w = WHERE(x + LANES + step + j >= 0 && x + LANES + step + j < width, 1);
+#define IN_BLOCKS(x) ((x) >= reach && (x) + PACKS * N + reach <= width)
 #endif
 
-INLINE void gradient_block(
-    GRAPH_ARGS, const int n_segments, __global const int *segments, __global const real *f, const real eps2,
-    const real power, const int x, const int row, __global real *its_ring, const long ring_pitch)
+/* A run's part in the sums of |grad f|^2 of one of its ends, the row `here`; the other end is the row `there`, `step` cells
+ * on and one more for each offset. Its weights are w0, and `stride` numbers on for each offset. */
+#define GRADIENT_PACKS(WEIGHT)                                                                                       \
+    realN own[P][M], sum[P][G];                                                                                      \
+    EACH_PACK {                                                                                                      \
+        for (int c = 0; c < M; ++c) own[q][c] = LOAD(here, c * plane + x + q * N);                                   \
+        for (int c = 0; c < G; ++c) sum[q][c] = LOAD(sums, c * ring_pitch + x + q * N);                              \
+    }                                                                                                                \
+    for (int j = 0; j < count; ++j)                                                                                  \
+        EACH_PACK {                                                                                                  \
+            WEIGHT                                                                                                   \
+            for (int c = 0; c < M; ++c) {                                                                            \
+                const realN d = DIFFERENCE(own[q][c], LOAD(there, c * plane + x + q * N + step + j));                \
+                sum[q][SHARED(c)] += SQUARED(d);                                                                     \
+            }                                                                                                        \
+        }                                                                                                            \
+    EACH_PACK for (int c = 0; c < G; ++c) STORE(sums, c * ring_pitch + x + q * N, sum[q][c]);
+
+INLINE void gradient_run(
+    __global const real *here, __global const real *there, const long plane, __global const real *w0, const long stride,
+    const int step, const int count, const int from, const int to, const int reach, const int width,
+    __global real *sums, const long ring_pitch)
 {
-    const long u = guard + row * pitch + x;
-    ROW_COORDINATES
-    realN here[ROWS][PACKS][M], sum[ROWS][PACKS][G];
-    BOTH(for (int c = 0; c < M; ++c) here[r][q][c] = LOAD(f, AT(u + r * pitch + q * N, c, M));
-         for (int c = 0; c < G; ++c) sum[r][q][c] = 0;)
-    SEGMENTS
-#ifdef WEIGHTED
-        /* the weights of the next rows, so that they are here in time; each plane is a stream of its own, and short */
-        if (first[0] >= H) {
-            const long place = weight_guard + x + ((long)(row + ROWS) * H + (first[0] + i - H)) * weight_pitch;
-            EACH_PACK(PREFETCH(weights + place + q * N);)
-            if (ROWS == 2) { EACH_PACK(PREFETCH(weights + place + H * weight_pitch + q * N);) }
+    for (int x = from; x < to;) {
+        if (x + PACKS * N <= to && IN_BLOCKS(x)) {
+            enum { P = PACKS };
+            GRADIENT_PACKS(RUN_WEIGHT)
+            x += P * N;
+        } else {
+            enum { P = 1 };
+            GRADIENT_PACKS(EDGE_WEIGHT)
+            x += N;
         }
-#endif
-        realN f_v[PACKS][M];
-        EACH_PACK(for (int c = 0; c < M; ++c) f_v[q][c] = LOAD(f, AT(v + q * N, c, M));)
-#define PART                                                                                                         \
-    for (int c = 0; c < M; ++c) {                                                                                    \
-        const realN d = DIFFERENCE(here[r][q][c], f_v[q][c]);                                                        \
-        sum[r][q][SHARED(c)] += SQUARED(d);                                                                          \
     }
-        OF_ROW(0, PART)
-        OF_ROW(1, PART)
-#undef PART
-    }}
-    BOTH(store_norms(sum[r][q], eps2, power, x + q * N, width, its_ring + r * G * ring_pitch, ring_pitch);)
 }
 
-INLINE void update_block(
-    GRAPH_ARGS, const int n_segments, __global const int *segments, __global const real *f, __global const real *f0,
-    __global const real *lams, const real lam_, const real theta, __global real *out, const int x, const int row,
-    __global const real *ring, const long ring_pitch, const int slot, const int slots)
-{
-    const long u = guard + row * pitch + x;
-    ROW_COORDINATES
-    realN own[ROWS][PACKS][G], sum[ROWS][PACKS][M], total[ROWS][PACKS][G];
-    BOTH(for (int c = 0; c < M; ++c) sum[r][q][c] = 0;
-         for (int c = 0; c < G; ++c) {
-             own[r][q][c] = LOAD(ring, ((long)turned(slot, r, slots) * G + c) * ring_pitch + x + q * N);
-             total[r][q][c] = 0;
-         })
-    SEGMENTS
-        __global const real *ring_v = ring + (long)turned(slot, row_jump, slots) * G * ring_pitch + step + x;
-        realN f_v[PACKS][M], g_v[PACKS][G];
-        EACH_PACK(for (int c = 0; c < M; ++c) f_v[q][c] = LOAD(f, AT(v + q * N, c, M));
-                  for (int c = 0; c < G; ++c) g_v[q][c] = LOAD(ring_v, c * ring_pitch + q * N);)
-#define PART                                                                                                         \
-    realN conductance[G];                                                                                            \
-    for (int c = 0; c < G; ++c) {                                                                                    \
-        conductance[c] = own[r][q][c] + g_v[q][c];                                                                   \
-        total[r][q][c] += HOLD * conductance[c];                                                                     \
+/* The same for the sums of the update, of the conductances (G rows from `sums` on) and of the neighbours (M more). The
+ * weights that lie `coming` numbers on are asked for: by now they have left the second cache. */
+#define UPDATE_PACKS(WEIGHT)                                                                                         \
+    realN own[P][G], total[P][G], sum[P][M];                                                                         \
+    EACH_PACK {                                                                                                      \
+        for (int c = 0; c < G; ++c) own[q][c] = LOAD(g_here, c * ring_pitch + x + q * N);                            \
+        for (int c = 0; c < G; ++c) total[q][c] = LOAD(sums, c * ring_pitch + x + q * N);                            \
+        for (int c = 0; c < M; ++c) sum[q][c] = LOAD(sums, (G + c) * ring_pitch + x + q * N);                        \
     }                                                                                                                \
-    for (int c = 0; c < M; ++c) sum[r][q][c] += PULL * conductance[SHARED(c)] * f_v[q][c];
-        OF_ROW(0, PART)
-        OF_ROW(1, PART)
-#undef PART
-    }}
-    BOTH(store_update(sum[r][q], total[r][q], f, f0, lams, lam_, theta, out, u + r * pitch + q * N, x + q * N, width,
-                      plane);)
+    for (int j = 0; j < count; ++j)                                                                                  \
+        EACH_PACK {                                                                                                  \
+            WEIGHT                                                                                                   \
+            realN conductance[G];                                                                                    \
+            for (int c = 0; c < G; ++c) {                                                                            \
+                conductance[c] = own[q][c] + LOAD(g_there, c * ring_pitch + x + q * N + step + j);                   \
+                total[q][c] += HOLD * conductance[c];                                                                \
+            }                                                                                                        \
+            for (int c = 0; c < M; ++c)                                                                              \
+                sum[q][c] += PULL * conductance[SHARED(c)] * LOAD(there, c * plane + x + q * N + step + j);          \
+            PREFETCH(w0 + x + q * N + j * stride + coming);                                                          \
+        }                                                                                                            \
+    EACH_PACK {                                                                                                      \
+        for (int c = 0; c < G; ++c) STORE(sums, c * ring_pitch + x + q * N, total[q][c]);                            \
+        for (int c = 0; c < M; ++c) STORE(sums, (G + c) * ring_pitch + x + q * N, sum[q][c]);                        \
+    }
+
+INLINE void update_run(
+    __global const real *g_here, __global const real *g_there, __global const real *there, const long plane,
+    __global const real *w0, const long stride, const int step, const int count, const int from, const int to,
+    const int reach, const int width, __global real *sums, const long ring_pitch, const long coming)
+{
+    for (int x = from; x < to;) {
+        if (x + PACKS * N <= to && IN_BLOCKS(x)) {
+            enum { P = PACKS };
+            UPDATE_PACKS(RUN_WEIGHT)
+            x += P * N;
+        } else {
+            enum { P = 1 };
+            UPDATE_PACKS(EDGE_WEIGHT)
+            x += N;
+        }
+    }
 }
 #endif
 
@@ -263,19 +243,17 @@ __kernel void sweep(
     __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
     const real lam_,           /* not read with LAM_ARRAY */
     const real theta,
-    const int n_segments,      /* these two are not read with WINDOW */
-    __global const int *segments, /* (n_segments, 5): jump of rows, first step, steps, first offset for either row or -1 */
     const int band,            /* rows of a block */
     const int stretch,         /* its columns, a multiple of N */
     const int jump,            /* largest jump of rows in the window */
-    const int slots,           /* 2 jump + ROWS */
+    const int slots,           /* rows of a ring: 2 jump + 1, with WIDE jump + 1 */
     const long ring_pitch,
-    __global real *rings,      /* scratch: for each work item `slots` rows of G channels, ring_pitch each */
+    __global real *rings,      /* scratch: for each work item `slots` rows of G numbers, with WIDE of 3 G + M, ring_pitch each */
     /* output */
     __global real *out)        /* M channels; not f */
 {
     const int margin = (reach + N - 1) / N * N;
-    const long ring_size = slots * G * ring_pitch;
+    const long ring_size = slots * RING_ROW * ring_pitch;
     const int from = (int)get_global_id(0) * stretch, top = (int)get_global_id(1) * band;
     const int to = min(from + stretch, width), bottom = min(top + band, n_rows);
     const int wide_from = max(from - margin, 0), wide_to = min(to + reach, width);
@@ -284,48 +262,83 @@ __kernel void sweep(
     for (long i = 0; i < ring_size; i += N) STORE(whole, i, (realN)(0));
     __global real *ring = whole + margin - from;
 
-    int slot = 0; /* of the row whose gradient norms come next */
-    for (int above = top - jump; above < bottom + jump; above += ROWS) {
-        int begun = wide_to, done = wide_to; /* the columns between have been treated in blocks */
-#ifndef WINDOW
-        if (above >= 0 && above + ROWS <= n_rows) {
-            begun = done = BLOCKS_FROM(wide_from);
-            for (; done + PACKS * N <= BLOCKS_TO(wide_to); done += PACKS * N)
-                gradient_block(
-                    GRAPH, n_segments, segments, f, eps2, power, done, above, ring + (long)slot * G * ring_pitch,
-                    ring_pitch);
+#ifdef WIDE
+#define RING(row) (ring + (long)((row) % slots) * RING_ROW * ring_pitch)
+#define F_ROW(row) (f + guard + (row) * pitch)
+/* The forward runs of a row of weights. Toward the far end a run is gone through from its last offset to its first. */
+#define FORWARD_RUNS(row)                                                                                            \
+    for (int run = n_runs / 2; run < n_runs; ++run) {                                                                \
+        const int first = runs[3 * run], step = runs[3 * run + 1], count = runs[3 * run + 2];                        \
+        const int ahead = (row) + row_jumps[first];                                                                  \
+        if (ahead >= n_rows) continue;                                                                               \
+        const int back = 1 - step - count;                                                                           \
+        __global const real *near_weights = weights + weight_guard + ((long)(row) * H + (first - H)) * weight_pitch; \
+        __global const real *far_weights = near_weights + (count - 1) * weight_pitch + back;
+    for (int row = max(top - 2 * jump, 0); row < bottom + jump; ++row) {
+        if (row < n_rows) {
+            FORWARD_RUNS(row)
+                if (ahead >= top - jump && ahead < bottom + jump)
+                    gradient_run(
+                        F_ROW(ahead), F_ROW(row), plane, far_weights, 1 - weight_pitch, back, count, wide_from, wide_to,
+                        reach, width, RING(ahead) + G * ring_pitch, ring_pitch);
+                if (row >= top - jump)
+                    gradient_run(
+                        F_ROW(row), F_ROW(ahead), plane, near_weights, weight_pitch, step, count, wide_from, wide_to,
+                        reach, width, RING(row) + G * ring_pitch, ring_pitch);
+            }
+            if (row >= top - jump)
+                for (int x = wide_from; x < wide_to; x += N) {
+                    realN sum[G];
+                    for (int c = 0; c < G; ++c) {
+                        sum[c] = LOAD(RING(row), (G + c) * ring_pitch + x);
+                        STORE(RING(row), (G + c) * ring_pitch + x, (realN)(0));
+                    }
+                    store_norms(sum, eps2, power, x, width, RING(row), ring_pitch);
+                }
         }
-#endif
-        for (int row = max(above, 0); row < min(above + ROWS, n_rows); ++row) {
+        const int ready = row - jump;
+        if (ready < max(top - jump, 0) || ready >= bottom) continue;
+        FORWARD_RUNS(ready)
+            if (ahead >= top && ahead < bottom)
+                update_run(
+                    RING(ahead), RING(ready), F_ROW(ready), plane, far_weights, 1 - weight_pitch, back, count, from, to,
+                    reach, width, RING(ahead) + 2 * G * ring_pitch, ring_pitch, 0);
+            if (ready >= top)
+                update_run(
+                    RING(ready), RING(ahead), F_ROW(ahead), plane, near_weights, weight_pitch, step, count, from, to,
+                    reach, width, RING(ready) + 2 * G * ring_pitch, ring_pitch, H * weight_pitch);
+        }
+        for (int x = from; ready >= top && x < to; x += N) {
+            realN total[G + M];
+            for (int c = 0; c < G + M; ++c) {
+                total[c] = LOAD(RING(ready), (2 * G + c) * ring_pitch + x);
+                STORE(RING(ready), (2 * G + c) * ring_pitch + x, (realN)(0));
+            }
+            store_update(
+                total + G, total, f, f0, lams, lam_, theta, out, guard + ready * pitch + x, x, width, plane);
+        }
+    }
+#else
+    int slot = 0; /* of the row whose gradient norms come next */
+    for (int row = top - jump; row < bottom + jump; ++row) {
+        if (row >= 0 && row < n_rows) {
             const bool inner = row >= jump && row + jump < n_rows;
-            __global real *its_ring = ring + (long)(slot + row - above) * G * ring_pitch;
-            for (int x = wide_from == begun ? done : wide_from; x < wide_to; x = x + N == begun ? done : x + N)
+            __global real *its_ring = ring + (long)slot * G * ring_pitch;
+            for (int x = wide_from; x < wide_to; x += N)
                 if (INSIDE(x, inner)) gradient_pack(GRAPH, f, eps2, power, x, row, true, its_ring, ring_pitch);
                 else gradient_pack(GRAPH, f, eps2, power, x, row, false, its_ring, ring_pitch);
         }
-        const int ready = above - jump;
+        const int ready = row - jump;
         if (ready >= top) {
+            const bool inner = ready >= jump && ready + jump < n_rows;
             const int its = turned(slot, -jump, slots);
-            begun = done = to;
-#ifndef WINDOW
-            if (ready + ROWS <= bottom) {
-                begun = done = BLOCKS_FROM(from);
-                for (; done + PACKS * N <= BLOCKS_TO(to); done += PACKS * N)
-                    update_block(
-                        GRAPH, n_segments, segments, f, f0, lams, lam_, theta, out, done, ready, ring, ring_pitch, its,
-                        slots);
-            }
-#endif
-            for (int row = ready; row < min(ready + ROWS, bottom); ++row) {
-                const bool inner = row >= jump && row + jump < n_rows;
-                const int own = turned(its, row - ready, slots);
-                for (int x = from == begun ? done : from; x < to; x = x + N == begun ? done : x + N)
-                    if (INSIDE(x, inner))
-                        update_pack(GRAPH, f, f0, lams, lam_, theta, out, x, row, true, ring, ring_pitch, own, slots);
-                    else
-                        update_pack(GRAPH, f, f0, lams, lam_, theta, out, x, row, false, ring, ring_pitch, own, slots);
-            }
+            for (int x = from; x < to; x += N)
+                if (INSIDE(x, inner))
+                    update_pack(GRAPH, f, f0, lams, lam_, theta, out, x, ready, true, ring, ring_pitch, its, slots);
+                else
+                    update_pack(GRAPH, f, f0, lams, lam_, theta, out, x, ready, false, ring, ring_pitch, its, slots);
         }
-        slot = slot + ROWS == slots ? 0 : slot + ROWS;
+        slot = slot + 1 == slots ? 0 : slot + 1;
     }
+#endif
 }
