@@ -1,4 +1,4 @@
-"""The door for images: with no parameter, with every one, in bands, masked, in every dtype; and the noise it finds."""
+"""The door for images: with no parameter, with every one, masked, in every dtype; and the noise it finds."""
 
 from __future__ import annotations
 
@@ -81,37 +81,6 @@ def test_channels_may_lie_anywhere() -> None:
     assert np.array_equal(np.moveaxis(first, 0, -1), last)
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "max_iter": 3, "p": 1, "lam": 0.05},
-        {"weights": gr.weights.patch(1, 60.0), "radius": 3, "metric": "euclidean", "max_iter": 2, "p": 2},
-    ],
-)
-@pytest.mark.parametrize("channels", [None, -1])
-def test_bands_give_the_whole_image(
-    device: str, settings: dict, channels: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An image too large for its weights goes through in bands, and no bit differs."""
-    picture = blocks((70, 33)) if channels is None else np.stack([blocks((70, 33))] * 3, axis=-1)
-    before = noisy(picture, 20)
-    lam = np.linspace(0.5, 2, 70 * 33).reshape(70, 33) if not settings else settings.get("lam")
-    call = {**settings, "lam": lam, "channel_axis": channels, "backend": device, "sigma": 20.0}
-    whole = gr.denoise_image(before, **call)
-    parts = []
-
-    def counted(run):
-        return lambda *a, **k: parts.append(len(a[0])) or run(*a, **k)
-
-    for name in ("regularize", "one_sweep"):
-        monkeypatch.setattr(door, name, counted(getattr(door, name)))
-    monkeypatch.setattr(door, "BAND_BYTES", 40_000)
-    banded = gr.denoise_image(before, **call)
-    assert len(parts) > 1
-    assert banded.tobytes() == whole.tobytes()
-
-
 ONE_SWEEP = {
     "bilateral": {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2},
     "patches": {"weights": gr.weights.patch(1, 150.0, sigma=20.0), "radius": 3, "metric": "euclidean"},
@@ -181,14 +150,6 @@ def test_noise_is_not_looked_for_where_it_decides_nothing(monkeypatch: pytest.Mo
     assert len(looked) == 4
 
 
-def test_weights_that_know_all_vertices_are_not_cut_into_bands(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = noisy(blocks(), 20)
-    weights = gr.weights.gaussian(before.ravel(), 60.0)
-    whole = gr.denoise_image(before, weights=weights, radius=2, backend="numpy")
-    monkeypatch.setattr(door, "BAND_BYTES", 10_000)
-    assert np.array_equal(gr.denoise_image(before, weights=weights, radius=2, backend="numpy"), whole)
-
-
 def test_mask_and_nan() -> None:
     clean = blocks()
     before = noisy(clean, 20)
@@ -204,8 +165,8 @@ def test_mask_and_nan() -> None:
         gr.denoise_image(before, mask=mask.astype(int))
 
 
-def test_patches_over_the_mask_see_the_nearest_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What stands outside the mask does not matter, and bands agree with the whole image there too."""
+def test_patches_over_the_mask_see_the_nearest_pixel() -> None:
+    """What stands outside the mask does not matter, and tiles agree with the whole image there too."""
     before = noisy(blocks((60, 40)), 20)
     mask = np.ones(before.shape, bool)
     mask[20:34, 8:22] = False
@@ -221,8 +182,8 @@ def test_patches_over_the_mask_see_the_nearest_pixel(monkeypatch: pytest.MonkeyP
     zeros = np.where(mask, before, 0).astype(np.float32)
     darker = gr.regularize(zeros, grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
     assert not np.array_equal(darker.value[mask].astype(float), whole[mask])  # so that the above can fail
-    monkeypatch.setattr(door, "BAND_BYTES", 40_000)
-    assert np.array_equal(gr.denoise_image(np.where(mask, before, np.nan), **call)[mask], whole[mask])
+    tiled = gr.denoise_image(np.where(mask, before, np.nan), **call, memory=900_000)
+    assert np.array_equal(tiled[mask], whole[mask])
 
 
 def test_volume_without_parameters() -> None:
