@@ -10,6 +10,7 @@ from cases import TOLERANCES, rng
 
 import gpureg as gr
 from gpureg import image as door
+from gpureg import noise
 from gpureg import plan as planning
 
 
@@ -331,6 +332,20 @@ def test_noise_estimate_on_a_synthetic_scene(sigma: float) -> None:
     # Measured at three seeds: within 4 percent; the noise's own scatter over the 3,686 pixels used is about 2.
     for seed in (3, 5, 7):
         assert gr.estimate_noise(noisy(scene, sigma, seed)) == pytest.approx(sigma, rel=0.08)
+
+
+@pytest.mark.parametrize("sigma", [5, 20])
+def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part of a large picture tells the noise as well as the whole; its contrast is found in bands, to the bit."""
+    y, x = np.indices((1500, 1400))
+    scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
+    before = noisy(scene, sigma).astype(np.float32)
+    whole, contrast = gr.estimate_noise(before), planning._contrast(before, None, None)
+    monkeypatch.setattr(noise, "_LARGE", 1 << 20)
+    monkeypatch.setattr(planning, "_BAND", 1 << 17)
+    # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
+    assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)
+    assert planning._contrast(before, None, None) == contrast
 
 
 def test_noise_estimate_of_channels_masks_and_stacks() -> None:
