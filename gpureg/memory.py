@@ -155,7 +155,7 @@ def memory_needed(
     >>> import gpureg as gr
     >>> grid, weights = gr.GridGraph((512, 512), 7), gr.weights.patch(2, 0.5)
     >>> gr.memory_needed(grid, weights=weights, backend="numpy") // 2**20
-    136
+    137
     """
     if not isinstance(graph, Graph | GridGraph):
         raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
