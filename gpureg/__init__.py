@@ -9,6 +9,7 @@ from .graph_io import from_networkx, read_graph, to_networkx, write_graph
 from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
 from .labels import propagate_labels
+from .memory import memory_needed
 from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
@@ -33,6 +34,7 @@ __all__ = [
     "estimate_noise",
     "from_networkx",
     "inpaint_image",
+    "memory_needed",
     "operators",
     "plan_denoising",
     "propagate_labels",

@@ -21,6 +21,7 @@ from . import __version__, backends, weights
 from .graph import METRICS
 from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
+from .memory import as_bytes
 from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .result import Result
@@ -163,6 +164,10 @@ _OPTIONS_OF_WEIGHTS = {
 )
 @click.option("--dtype", type=click.Choice(["float32", "float64"]), help="Type to compute in.  [default: float32]")
 @click.option(
+    "--memory",
+    help="Bytes it may take on the device, such as 4GiB.  [default: half of a CPU's, 90 percent of a GPU's]",
+)
+@click.option(
     "--json",
     "as_json",
     is_flag=True,
@@ -191,6 +196,7 @@ def denoise(
     eps: float | None,
     backend: str,
     dtype: str | None,
+    memory: str | None,
     as_json: bool,
     quiet: bool,
     progress: bool | None,
@@ -231,7 +237,13 @@ def denoise(
             plan = replace(plan, sigma=estimate_noise(picture.pixels, channel_axis=axis), estimated=True)
         show = sys.stderr.isatty() if progress is None else progress
         result = run_plan(
-            plan, picture.pixels, channel_axis=axis, backend=backend, dtype=dtype, progress=show and not quiet
+            plan,
+            picture.pixels,
+            channel_axis=axis,
+            backend=backend,
+            dtype=dtype,
+            progress=show and not quiet,
+            memory=None if memory is None else as_bytes(memory),
         )
         write_picture(target, Picture(result.value, picture.alpha, picture.icc_profile))
         return _report(plan, result, source, target, picture)

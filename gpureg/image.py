@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -17,12 +17,9 @@ from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .problem import default_eps
 from .regularization import one_sweep, regularize
 from .result import Interrupted, Result, Stop
-from .solvers import Jacobi, Solver, is_local, resolve
-from .solvers.loop import Callback, progress_bar
-from .weights import Bilateral, Patch, Weights, is_patch
-
-# Bytes of stored weights above which an image goes through in bands of rows.
-BAND_BYTES = 1 << 28
+from .solvers import Jacobi, Solver, resolve
+from .solvers.loop import Callback
+from .weights import Weights, patch_weights
 
 
 def denoise_image(
@@ -45,6 +42,7 @@ def denoise_image(
     dtype: npt.DTypeLike | None = None,
     callback: Callback | None = None,
     progress: bool = False,
+    memory: int | None = None,
 ) -> npt.NDArray[Any]:
     """Denoise an image or a volume; with no parameter at all, the noise is estimated and the rest follows from it.
 
@@ -83,6 +81,7 @@ def denoise_image(
         Type to compute in; None takes float32, or float64 for integers of more than 16 bits.
     callback : callable, optional
     progress : bool, default False
+    memory : int, optional
         As in :func:`gpureg.regularize`.
 
     Returns
@@ -136,6 +135,7 @@ def denoise_image(
         dtype=dtype,
         callback=callback,
         progress=progress,
+        memory=memory,
     ).value
 
 
@@ -150,6 +150,7 @@ def run_plan(
     dtype: npt.DTypeLike | None = None,
     callback: Callback | None = None,
     progress: bool = False,
+    memory: int | None = None,
 ) -> Result:
     """Carry out a plan; the parameters are those of :func:`denoise_image`.
 
@@ -157,9 +158,7 @@ def run_plan(
     -------
     Result
         Its value is the image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch weights
-        computes these without storing them, and reports no energy. An image whose weights would take more than 256 MiB
-        goes through in bands of rows, with a halo that makes the result the same; its energy is then not reported,
-        and an interruption leaves no iterate.
+        computes these without storing them: it reports no energy, and an interruption leaves no iterate.
     """
     begin = time.perf_counter()
     array = checked(image, channel_axis, mask)
@@ -186,29 +185,17 @@ def run_plan(
     grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     if inside is not None and not inside.all():
         f0 = filled(f0, inside)
-    # Of the whole image, also where it goes through in bands.
     eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
     settings: dict[str, Any] = dict(
         p=plan.p, lam=plan.lam, eps=eps, solver=solver, max_iter=plan.max_iter, tol=plan.tol,
-        backend=backend, dtype=kind,
+        backend=backend, dtype=kind, memory=memory, progress=progress,
     )  # fmt: skip
-    # Weights that look at a neighbourhood of the data alone, a number of iterations known before, and a process that
-    # does not choose its step by the whole of the graph.
-    divisible = isinstance(plan.weights, Patch | Bilateral) and plan.tol is None and callback is None
-    divisible = divisible and is_local(solver, plan.p, plan.lam)
-    once = callback is None and _is_one_sweep(plan, solver)
-    run: Callable[..., Result] = regularize
-    if once:
-        run = one_sweep
-        settings = {name: settings[name] for name in ("lam", "eps", "backend", "dtype")}
-    if divisible and grid.half_window * grid.n_vertices * kind.itemsize > BAND_BYTES:
-        result = _in_bands(f0, grid, plan, run, settings, progress)
-    elif once:
-        result = one_sweep(f0, grid, weights=weights_of(plan, f0), **settings)
-    else:
-        with _converted(array, channel_axis, inside):
-            settings["weights"] = weights_of(plan, f0)
-            result = regularize(f0, grid, callback=callback, progress=progress, **settings)
+    with _converted(array, channel_axis, inside):
+        if callback is None and _is_one_sweep(plan, solver):
+            settings = {name: settings[name] for name in ("lam", "eps", "backend", "dtype", "memory", "progress")}
+            result = one_sweep(f0, grid, weights=weights_of(plan, f0), **settings)
+        else:
+            result = regularize(f0, grid, weights=weights_of(plan, f0), callback=callback, **settings)
     value = _as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
 
@@ -220,52 +207,7 @@ def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
     # where data are missing the default may be damped
     data = isinstance(method, Jacobi) and (method.damping == 1 or bool(np.min(plan.lam) > 0))
     once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
-    return once and whole and data and is_patch(plan.weights)
-
-
-def _in_bands(
-    f0: npt.NDArray[Any],
-    grid: GridGraph,
-    plan: DenoisePlan,
-    run: Callable[..., Result],
-    settings: dict[str, Any],
-    progress: bool,
-) -> Result:
-    """Regularize bands of rows with a halo as wide as data can travel: the rows kept are those of the whole image.
-
-    One iteration carries data over one neighbourhood, and over another one where the gradient's norm enters (p != 2);
-    weights look a patch's radius further.
-    """
-    reach = int(np.abs(grid.offsets[:, 0]).max(initial=0))
-    steps = plan.max_iter * (1 if plan.p == 2 else 2)
-    halo = steps * reach + (plan.weights.radius if isinstance(plan.weights, Patch) else 0)
-    rows, itemsize = grid.shape[0], np.dtype(settings["dtype"]).itemsize
-    per_row = grid.half_window * (grid.n_vertices // rows) * itemsize
-    band = max(2 * halo, BAND_BYTES // per_row - 2 * halo, 1)
-    value = np.empty(f0.shape, settings["dtype"])
-    lam = np.asarray(plan.lam)
-    with progress_bar(progress, rows, "rows") as report:
-        for first in range(0, rows, band):
-            last = min(first + band, rows)
-            low, high = max(0, first - halo), min(rows, last + halo)
-            if lam.ndim:
-                settings = {**settings, "lam": lam.reshape(grid.shape)[low:high]}
-            part = GridGraph(
-                (high - low, *grid.shape[1:]),
-                grid.radius,
-                grid.metric,
-                spacing=grid.spacing,
-                mask=None if grid.mask is None else grid.mask[low:high],
-            )
-            settings["weights"] = weights_of(plan, f0[low:high])
-            try:
-                result = run(f0[low:high], part, **settings)
-            except Interrupted:
-                # A band's iterate is no iterate of the image.
-                raise KeyboardInterrupt from None
-            value[first:last] = result.value[first - low : last - low]
-            report(last)
-    return replace(result, value=value, energy=np.empty(0), checks=np.empty(0, np.int64))
+    return once and whole and data and patch_weights(plan.weights) is not None
 
 
 @contextmanager
@@ -294,8 +236,8 @@ def _as_image(
     image = value[..., 0] if channel_axis is None else np.moveaxis(value, -1, channel_axis)
     if array.dtype.kind in "iu":
         limits = np.iinfo(array.dtype)
-        image = np.clip(np.rint(image), limits.min, limits.max)
-    image = np.ascontiguousarray(image).astype(array.dtype)
+        np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
+    image = np.ascontiguousarray(image).astype(array.dtype, copy=False)
     if inside is not None and not inside.all():
         outside = ~inside if channel_axis is None else np.expand_dims(~inside, channel_axis)
         image = np.where(outside, array, image)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .graph import unmasked
+from .graph import all_finite, unmasked
 
 # Share of the pixels that is measured, the smoothest ones, but no fewer than so many.
 _SMOOTHEST, _AT_LEAST = 0.1, 200
 _SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+# Pixels above which a plane is looked at in tiles, evenly spread: so many along either axis, of this side.
+_LARGE, _TILES, _SIDE = 1 << 22, 8, 256
 
 
 def estimate_noise(
@@ -46,7 +49,8 @@ def estimate_noise(
     and y, applied where texture is weakest, as Liu, Tanaka and Okutomi propose (IEEE TIP 22(12), 2013). Texture is the
     gradient's energy in the Gaussian-smoothed image, which sees almost none of the frequencies the mask sees, so that
     picking smooth places does not pick quiet ones. Pixels at the extremes of the range are left out: clipping took
-    their noise. Measured on four photographs at sigma 10, 20, 40 of 255: at most 3 percent off.
+    their noise. Measured on four photographs at sigma 10, 20, 40 of 255: at most 3 percent off. Of a plane of more than
+    2^22 pixels, 8 x 8 tiles of 256 x 256, evenly spread, are looked at.
 
     Examples
     --------
@@ -61,41 +65,74 @@ def estimate_noise(
     channels = [array] if channel_axis is None else list(np.moveaxis(array, channel_axis, 0))
     if channels[0].ndim < 2:
         raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
-    inside = np.ones(channels[0].shape, bool) if mask is None else np.asarray(mask, bool)
-    if inside.shape != channels[0].shape:
+    inside = None if mask is None else np.asarray(mask, bool)
+    if inside is not None and inside.shape != channels[0].shape:
         raise ValueError(f"mask must have the image's shape {channels[0].shape}, got {inside.shape}")
     variances = []
     for channel in channels:
-        planes = channel.reshape(-1, *channel.shape[-2:]).astype(np.float64)
-        for plane, kept in zip(planes, inside.reshape(planes.shape), strict=True):
-            if not np.isfinite(plane[kept]).all():
+        planes = channel.reshape(-1, *channel.shape[-2:])
+        masks = [None] * len(planes) if inside is None else inside.reshape(planes.shape)
+        for plane, kept in zip(planes, masks, strict=True):
+            known = plane if kept is None else plane[kept]
+            if not all_finite(known):
                 raise ValueError("image must be finite where the mask lets it count")
-            if kept.any():
+            if known.size:
                 with np.errstate(over="ignore", invalid="ignore"):  # values beyond 1e150 give infinity
-                    variances.append(_plane_sigma(np.where(kept, plane, plane[kept].mean()), kept) ** 2)
+                    variances.append(_plane_sigma(plane, kept, float(known.min()), float(known.max())) ** 2)
     return math.sqrt(sum(variances) / len(variances)) if variances else 0.0
 
 
-def _plane_sigma(plane: npt.NDArray[np.float64], kept: npt.NDArray[np.bool_]) -> float:
-    from scipy import ndimage
+def _samples(shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+    """The parts of a plane that are looked at: all of it, or tiles of a large one."""
+    if math.prod(shape) <= _LARGE:
+        yield slice(0, shape[0]), slice(0, shape[1])
+        return
+    rows, columns = (sorted({(size - min(size, _SIDE)) * i // (_TILES - 1) for i in range(_TILES)}) for size in shape)
+    for y in rows:
+        for x in columns:
+            yield slice(y, y + _SIDE), slice(x, x + _SIDE)
 
+
+def _plane_sigma(plane: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None, low: float, high: float) -> float:
+    """The noise of a plane whose values inside the mask lie in low..high."""
     if min(plane.shape) < 3:
         return 0.0
+    responses, textures = [], []
+    for part in _samples(plane.shape):
+        values = plane[part].astype(np.float64)
+        kept = np.ones(values.shape, bool) if mask is None else mask[part]
+        if not kept.any():
+            continue
+        values = np.where(kept, values, values[kept].mean())
+        response, texture, valid = _measured(values, kept, low, high)
+        if not valid.any() and plane.size <= _LARGE:
+            # A tiny or few-valued picture. One that repeats its values is no noise; of noise no value comes twice.
+            if kept.all() and np.unique(values).size > values.size // 4:
+                return float(np.median(np.abs(response[1:-1, 1:-1])) / 0.6744897501960817)  # of a normal law's |x|
+            return 0.0
+        responses.append(response[valid])
+        textures.append(texture[valid])
+    response, texture = np.concatenate([*responses, []]), np.concatenate([*textures, []])
+    if not response.size:
+        return 0.0
+    count = max(int(_SMOOTHEST * response.size), min(_AT_LEAST, response.size))
+    if count < response.size:
+        response = response[np.argpartition(texture, count)[:count]]
+    return float(np.sqrt(np.mean(response**2)))
+
+
+def _measured(
+    plane: npt.NDArray[np.float64], kept: npt.NDArray[np.bool_], low: float, high: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Immerkaer's response, the texture, and where they count."""
+    from scipy import ndimage
+
     # The mask is the outer product of two second differences; 6 is its l2 norm.
     response: Any = ndimage.correlate1d(ndimage.correlate1d(plane, _SECOND_DIFFERENCE, 0), _SECOND_DIFFERENCE, 1) / 6.0
     smooth = ndimage.gaussian_filter(plane, 1.0)
     slopes = (ndimage.correlate1d(smooth, (-0.5, 0.0, 0.5), axis) for axis in (0, 1))
     texture = ndimage.uniform_filter(sum(slope**2 for slope in slopes), 7)
-    extreme = (plane == plane[kept].min()) | (plane == plane[kept].max()) | ~kept
+    extreme = (plane == low) | (plane == high) | ~kept
     valid = ~ndimage.maximum_filter(extreme, 7)
     valid[[0, -1], :] = valid[:, [0, -1]] = False  # the mask needs all eight neighbours
-    if not valid.any():
-        # A tiny or few-valued picture. One that repeats its values is no noise; of noise no value comes twice.
-        if kept.all() and np.unique(plane).size > plane.size // 4:
-            return float(np.median(np.abs(response[1:-1, 1:-1])) / 0.6744897501960817)  # of a normal law's |x|
-        return 0.0
-    response, texture = response[valid], texture[valid]
-    count = max(int(_SMOOTHEST * response.size), min(_AT_LEAST, response.size))
-    if count < response.size:
-        response = response[np.argpartition(texture, count)[:count]]
-    return float(np.sqrt(np.mean(response**2)))
+    return response, texture, valid

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import GridGraph, Metric, unmasked
+from .graph import GridGraph, Metric, all_finite, unmasked
 from .noise import estimate_noise
 from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, patch
 
@@ -18,6 +18,9 @@ from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, patc
 _CHROMA = 0.45
 _OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
 _OPPONENT[1:] *= _CHROMA
+
+# Pixels that are filtered at a time.
+_BAND = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -245,7 +248,7 @@ def checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike 
                 f"mask must be boolean of shape {cells.shape[:-1]}, got {inside.dtype} of shape {inside.shape}"
             )
         cells = cells[inside]
-    if not np.isfinite(cells).all():
+    if not all_finite(cells):
         bad = cells[~np.isfinite(cells)]
         raise ValueError(f"image must be finite, got {bad[0]} at {len(bad)} place(s); a mask can leave them out")
     return array
@@ -267,8 +270,16 @@ def _contrast(array: npt.NDArray[Any], channel_axis: int | None, mask: npt.Array
     from scipy import ndimage
 
     cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    cells = cells.astype(np.float64 if array.dtype.itemsize > 4 else np.float32)
+    kind: Any = np.float64 if array.dtype.itemsize > 4 else np.float32
     if mask is not None:
-        cells = filled(cells, np.asarray(mask))
-    smooth = ndimage.gaussian_filter(cells, (2.0,) * (cells.ndim - 1) + (0.0,))
-    return float(smooth.max()) - float(smooth.min())
+        cells = filled(cells.astype(kind), np.asarray(mask))
+    # Bands of rows with the filter's reach around them: the same values in little memory.
+    spread, reach = 2.0, 8
+    band = max(1, _BAND // max(1, cells[0].size))
+    low, high = math.inf, -math.inf
+    for first in range(0, len(cells), band):
+        start, end = max(0, first - reach), min(len(cells), first + band + reach)
+        part: Any = cells[start:end].astype(kind, copy=False)
+        smooth = ndimage.gaussian_filter(part, (spread,) * (cells.ndim - 1) + (0.0,))[first - start :][:band]
+        low, high = min(low, float(smooth.min())), max(high, float(smooth.max()))
+    return high - low

@@ -10,12 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import FloatArray, Graph, GridGraph, all_finite
+from .backends import Backend
+from .graph import FloatArray, Graph, GridGraph
+from .memory import Budget, Job, budget, readable
 from .problem import DeviceProblem, Problem, as_function
 from .result import Interrupted, Result, Stop
-from .solvers import Solver, resolve, run
-from .solvers.loop import Callback, expect_finite, progress_bar
-from .weights import Weights, unguided
+from .solvers import Jacobi, Solver, resolve, run
+from .solvers.loop import Callback, progress_bar
+from .tiles import Tile, Tiling, halo, run_in_tiles, step_in_tiles, tiling, why_whole, work_of
+from .weights import Weights
+
+# Bytes of a tile of a sweep that stores no weights.
+_STEP_BYTES = 1 << 29
 
 
 def regularize(
@@ -38,6 +44,7 @@ def regularize(
     dtype: npt.DTypeLike | None = None,
     callback: Callback | None = None,
     progress: bool = False,
+    memory: int | None = None,
 ) -> Result:
     """Regularize a function on the vertices of a weighted graph.
 
@@ -90,11 +97,15 @@ def regularize(
         Called with a :class:`gpureg.Check` before the first iteration and at every check; returning True stops the run.
     progress : bool, default False
         Show a bar on the terminal's error stream.
+    memory : int, optional
+        Bytes that the job may take on the device. None: half of a CPU's memory, 90 percent of a GPU's. The environment
+        variable GPUREG_MEMORY, such as "4GiB", lowers either.
 
     Returns
     -------
     Result
-        The value in the shape of `f0` and the type computed in, and how it was reached.
+        The value in the shape of `f0` and the type computed in, and how it was reached. On a grid a job that does not
+        fit goes through in tiles, with a halo that makes the value the same to the bit; it reports no energies.
 
     Raises
     ------
@@ -106,6 +117,8 @@ def regularize(
         Values that are no longer finite.
     Interrupted
         Ctrl-C during the iterations: a KeyboardInterrupt whose ``result`` holds the last whole iterate.
+    MemoryError
+        A job beyond `memory` or the device that cannot be cut into tiles, and why.
 
     Notes
     -----
@@ -157,20 +170,29 @@ def regularize(
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
+    steps = None if update_weights is None else int(update_weights)
+    threshold = None if tol is None else tol * (problem.data_range or 1.0)
+    tiles = _tiles(problem, device, method, budget(device, memory), int(max_iter), tol, callback, steps)
+    first = problem.f0 if start is None else start
     # Numbers out of the type's range are found by the loop, which says so in a sentence.
-    with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, int(max_iter)) as report:
-        on_device = DeviceProblem.put(problem, device)
-        outcome = run(
-            on_device,
-            method,
-            # a buffer of its own: the sweeps write over it
-            on_device.put_function(problem.f0 if start is None else start),
-            max_iter=int(max_iter),
-            threshold=None if tol is None else tol * (problem.data_range or 1.0),
-            callback=callback,
-            report=report,
-            update_weights=None if update_weights is None else int(update_weights),
-        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        if tiles is not None:
+            return _in_tiles(
+                problem, device, method, tiles, first, f0, int(max_iter), threshold, steps, progress, begin
+            )
+        with progress_bar(progress, int(max_iter)) as report:
+            on_device = DeviceProblem.put(problem, device)
+            outcome = run(
+                on_device,
+                method,
+                # a buffer of its own: the sweeps write over it
+                on_device.put_function(first),
+                max_iter=int(max_iter),
+                threshold=threshold,
+                callback=callback,
+                report=report,
+                update_weights=steps,
+            )
     value = outcome.problem.get_function(outcome.f)
     result = Result(
         value=_as_given(value, f0, graph),
@@ -178,6 +200,86 @@ def regularize(
         stop=outcome.stop,
         energy=np.array(outcome.energy),
         checks=np.array(outcome.checks),
+        gap=None,
+        eps=problem.eps,
+        method=outcome.method,
+        backend=repr(device),
+        seconds=time.perf_counter() - begin,
+    )
+    if outcome.stop is Stop.INTERRUPTED:
+        raise Interrupted(result)
+    return result
+
+
+def _tiles(
+    problem: Problem,
+    device: Backend,
+    method: Solver,
+    allowed: Budget,
+    max_iter: int,
+    tol: float | None,
+    callback: Callback | None,
+    update_weights: int | None,
+) -> Tiling | None:
+    """How to cut a job that does not fit, None for one that does."""
+    m = problem.f0.shape[1]
+    job = Job(
+        channels=m,
+        norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
+        weights=problem.weights,
+        directed=not isinstance(problem.gamma, str),
+        per_vertex=not isinstance(problem.lam, float),
+    )
+    need = job.need(problem.graph, device)
+    if allowed.holds(need) or max_iter == 0:
+        return None
+    why = why_whole(problem, method, callback=callback is not None, update_weights=update_weights)
+    if why is not None:
+        if not allowed.asked and need.total <= device.device.memory and need.largest <= device.largest_buffer:
+            return None
+        raise MemoryError(
+            f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
+            f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
+        )
+    assert isinstance(problem.graph, GridGraph)
+    # a block ends at every check and wherever weights are computed anew
+    most = min(max_iter, method.check_every if tol is not None else max_iter, update_weights or max_iter)
+    return tiling(problem.graph, job, device, allowed, lambda n: halo(problem, n), work_of(problem), most)
+
+
+def _in_tiles(
+    problem: Problem,
+    device: Backend,
+    method: Solver,
+    tiles: Tiling,
+    first: FloatArray,
+    f0: npt.ArrayLike,
+    max_iter: int,
+    threshold: float | None,
+    update_weights: int | None,
+    progress: bool,
+    begin: float,
+) -> Result:
+    assert isinstance(method, Jacobi)
+    blocks = -(-max_iter // tiles.sweeps)
+    with progress_bar(progress, len(tiles.tiles) * blocks, "tiles") as report:
+        outcome = run_in_tiles(
+            problem,
+            device,
+            method,
+            tiles,
+            first,
+            max_iter=max_iter,
+            threshold=threshold,
+            update_weights=update_weights,
+            report=lambda done, of: report(done),
+        )
+    result = Result(
+        value=_as_given(outcome.value, f0, problem.graph),
+        iterations=outcome.iterations,
+        stop=outcome.stop,
+        energy=np.empty(0),
+        checks=np.empty(0, np.int64),
         gap=None,
         eps=problem.eps,
         method=outcome.method,
@@ -198,10 +300,13 @@ def one_sweep(
     eps: float | None = None,
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
+    memory: int | None = None,
+    progress: bool = False,
 ) -> Result:
     """:func:`regularize` with p = 2, one undamped Jacobi sweep, and weights that are computed but not stored.
 
-    `weights` are such as :func:`gpureg.weights.is_patch` finds. An energy needs stored weights: the result has none.
+    `weights` are such as :func:`gpureg.weights.patch_weights` finds. An energy needs stored weights: the result has
+    none. An interruption leaves no iterate.
     """
     begin = time.perf_counter()
     kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
@@ -209,16 +314,21 @@ def one_sweep(
         f0, graph, p=2.0, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
     )
     device = backends.get(backend, kind)
-    assert isinstance(weights, Weights)
-    function, guide = unguided(weights, graph)
-    with np.errstate(over="ignore", invalid="ignore"):
-        f = problem.f0.astype(kind, copy=False)
-        guide = guide if guide is None else guide.astype(kind, copy=False)
-        form = function.form(graph, (f if guide is None else guide).shape[1], kind)
-        on_device = problem.lam if isinstance(problem.lam, float) else device.put(graph, problem.lam[:, None])
-        value = device.get(graph, device.similarity_step(graph, f, form, device.put(graph, f), on_device, guide=guide))
-    if not all_finite(value):
-        expect_finite(device, 1, math.nan)
+    allowed = budget(device, memory)
+    job = Job(
+        channels=problem.f0.shape[1],
+        weights=problem.weights,
+        per_vertex=not isinstance(problem.lam, float),
+        stored=False,
+    )
+    # Smaller tiles cost nothing here, where a halo is one window wide, and leave the host its memory.
+    small = Budget(min(allowed.total, _STEP_BYTES), min(allowed.largest, _STEP_BYTES), allowed.asked)
+    whole = (slice(0, s) for s in graph.shape)
+    tiles = Tiling(1, (Tile(*[tuple(whole)] * 2),))
+    if not small.holds(job.need(graph, device)):
+        tiles = tiling(graph, job, device, small, lambda n: halo(problem, n), work_of(problem, stored=False), 1)
+    with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
+        value = step_in_tiles(problem, device, tiles, lambda done, of: report(done))
     return Result(
         value=_as_given(value, f0, graph),
         iterations=1,

@@ -27,9 +27,26 @@ AnyGraph = Graph | GridGraph
 class Weights(ABC):
     """A weight function."""
 
+    @property
+    def reach(self) -> int:
+        """Cells around its two vertices that a weight looks at."""
+        return 0
+
     @abstractmethod
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """The weight function that gives a part of the grid the weights it has in the whole, to the bit.
+
+        None where there is no such function: weights that may know all vertices by their numbers.
+        """
+        return None
+
+
+def _rows_of(table: FloatArray, grid: GridGraph, box: tuple[slice, ...]) -> FloatArray:
+    """The rows of a table that belong to the vertices of a part of the grid."""
+    return table.reshape(*grid.shape, table.shape[-1])[box].reshape(-1, table.shape[-1])
 
 
 class PatchWeights(Weights):
@@ -42,6 +59,10 @@ class PatchWeights(Weights):
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, on the backend's device."""
         return backend.patch_distance(graph, f0, self.form(graph, f0.shape[1], backend.dtype))
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself: it knows steps between vertices, not their places."""
+        return self
 
 
 class EdgeWeights(Weights):
@@ -103,6 +124,10 @@ class Constant(Weights):
             return backend.prepare(graph, np.ones(graph.n_edges, backend.dtype))
         return backend.prepare(graph, None)
 
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself."""
+        return self
+
 
 @dataclass(frozen=True)
 class Bilateral(PatchWeights):
@@ -133,6 +158,11 @@ class Patch(PatchWeights):
     sigma: float = 0.0
     a: float | None = None
 
+    @property
+    def reach(self) -> int:
+        """The patch's radius."""
+        return self.radius
+
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """The weights w2."""
         steps = np.arange(-self.radius, self.radius + 1)
@@ -159,6 +189,10 @@ class InverseDistance(EdgeWeights):
         weights: FloatArray = distance**-self.power
         return weights
 
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself, where coordinates are whole numbers; the roundings of others would depend on the place."""
+        return self if grid.spacing is None else None
+
 
 @dataclass(frozen=True, eq=False)
 class Gaussian(EdgeWeights):
@@ -167,10 +201,18 @@ class Gaussian(EdgeWeights):
     features: FloatArray
     sigma: float
 
-    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-        """Weights exp(-|features(u) - features(v)|^2 / sigma^2)."""
+    def _of(self, graph: AnyGraph) -> FloatArray:
         if len(self.features) != graph.n_vertices:
             raise ValueError(f"features must have {graph.n_vertices} rows, one per vertex, got {len(self.features)}")
+        return self.features
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """The features of the part."""
+        return Gaussian(_rows_of(self._of(grid), grid, box), self.sigma)
+
+    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+        """Weights exp(-|features(u) - features(v)|^2 / sigma^2)."""
+        self._of(graph)
         weights: FloatArray = np.exp(-((self.features[v] - self.features[u]) ** 2).sum(axis=-1) / self.sigma**2)
         return weights
 
@@ -192,21 +234,23 @@ class Guided(Weights):
         """The graph with weights computed from the guide."""
         return self.weights.prepare(backend, graph, self.of(graph))
 
+    @property
+    def reach(self) -> int:
+        """That of the weight function."""
+        return self.weights.reach
 
-def is_patch(weights: object) -> bool:
-    """Whether these are patch weights, with a guide or without."""
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """The weight function's part, with the guide's."""
+        weights = self.weights.part(grid, box)
+        return None if weights is None else Guided(weights, _rows_of(self.of(grid), grid, box))
+
+
+def patch_weights(weights: object) -> tuple[PatchWeights, Guided | None] | None:
+    """Patch weights without their guide, and with it, None where they compare the data. None if they are no such."""
+    guided = None
     while isinstance(weights, Guided):
-        weights = weights.weights
-    return isinstance(weights, PatchWeights)
-
-
-def unguided(weights: Weights, graph: AnyGraph) -> tuple[PatchWeights, FloatArray | None]:
-    """Patch weights without their guide, and the guide (n, q), or None where they compare the data."""
-    guide: FloatArray | None = None
-    while isinstance(weights, Guided):
-        guide, weights = weights.of(graph), weights.weights
-    assert isinstance(weights, PatchWeights)
-    return weights, guide
+        guided, weights = weights, weights.weights
+    return (weights, guided) if isinstance(weights, PatchWeights) else None
 
 
 def constant() -> Weights:

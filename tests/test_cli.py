@@ -339,6 +339,13 @@ def test_dtype(noisy, tmp_path):
         assert dtype in report(noisy, tmp_path / "o.png", "--dtype", dtype)["backend"]
 
 
+def test_memory(noisy, tmp_path):
+    """Enough for a part of the picture: the same bytes come out."""
+    report(noisy, tmp_path / "whole.png", "--p", 1, "--max-iter", 5)
+    report(noisy, tmp_path / "tiles.png", "--p", 1, "--max-iter", 5, "--memory", "200KiB")
+    assert (tmp_path / "whole.png").read_bytes() == (tmp_path / "tiles.png").read_bytes()
+
+
 def test_environment_names_the_backend(noisy, tmp_path):
     assert report(noisy, tmp_path / "o.png", env={"GPUREG_BACKEND": "numpy"})["backend"].startswith("numpy")
 

@@ -1,4 +1,4 @@
-"""The door for images: with no parameter, with every one, in bands, masked, in every dtype; and the noise it finds."""
+"""The door for images: with no parameter, with every one, masked, in every dtype; and the noise it finds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from cases import TOLERANCES, rng
 
 import gpureg as gr
 from gpureg import image as door
+from gpureg import noise
 from gpureg import plan as planning
 
 
@@ -81,37 +82,6 @@ def test_channels_may_lie_anywhere() -> None:
     assert np.array_equal(np.moveaxis(first, 0, -1), last)
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "max_iter": 3, "p": 1, "lam": 0.05},
-        {"weights": gr.weights.patch(1, 60.0), "radius": 3, "metric": "euclidean", "max_iter": 2, "p": 2},
-    ],
-)
-@pytest.mark.parametrize("channels", [None, -1])
-def test_bands_give_the_whole_image(
-    device: str, settings: dict, channels: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An image too large for its weights goes through in bands, and no bit differs."""
-    picture = blocks((70, 33)) if channels is None else np.stack([blocks((70, 33))] * 3, axis=-1)
-    before = noisy(picture, 20)
-    lam = np.linspace(0.5, 2, 70 * 33).reshape(70, 33) if not settings else settings.get("lam")
-    call = {**settings, "lam": lam, "channel_axis": channels, "backend": device, "sigma": 20.0}
-    whole = gr.denoise_image(before, **call)
-    parts = []
-
-    def counted(run):
-        return lambda *a, **k: parts.append(len(a[0])) or run(*a, **k)
-
-    for name in ("regularize", "one_sweep"):
-        monkeypatch.setattr(door, name, counted(getattr(door, name)))
-    monkeypatch.setattr(door, "BAND_BYTES", 40_000)
-    banded = gr.denoise_image(before, **call)
-    assert len(parts) > 1
-    assert banded.tobytes() == whole.tobytes()
-
-
 ONE_SWEEP = {
     "bilateral": {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2},
     "patches": {"weights": gr.weights.patch(1, 150.0, sigma=20.0), "radius": 3, "metric": "euclidean"},
@@ -181,14 +151,6 @@ def test_noise_is_not_looked_for_where_it_decides_nothing(monkeypatch: pytest.Mo
     assert len(looked) == 4
 
 
-def test_weights_that_know_all_vertices_are_not_cut_into_bands(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = noisy(blocks(), 20)
-    weights = gr.weights.gaussian(before.ravel(), 60.0)
-    whole = gr.denoise_image(before, weights=weights, radius=2, backend="numpy")
-    monkeypatch.setattr(door, "BAND_BYTES", 10_000)
-    assert np.array_equal(gr.denoise_image(before, weights=weights, radius=2, backend="numpy"), whole)
-
-
 def test_mask_and_nan() -> None:
     clean = blocks()
     before = noisy(clean, 20)
@@ -204,8 +166,8 @@ def test_mask_and_nan() -> None:
         gr.denoise_image(before, mask=mask.astype(int))
 
 
-def test_patches_over_the_mask_see_the_nearest_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What stands outside the mask does not matter, and bands agree with the whole image there too."""
+def test_patches_over_the_mask_see_the_nearest_pixel() -> None:
+    """What stands outside the mask does not matter, and tiles agree with the whole image there too."""
     before = noisy(blocks((60, 40)), 20)
     mask = np.ones(before.shape, bool)
     mask[20:34, 8:22] = False
@@ -221,8 +183,8 @@ def test_patches_over_the_mask_see_the_nearest_pixel(monkeypatch: pytest.MonkeyP
     zeros = np.where(mask, before, 0).astype(np.float32)
     darker = gr.regularize(zeros, grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
     assert not np.array_equal(darker.value[mask].astype(float), whole[mask])  # so that the above can fail
-    monkeypatch.setattr(door, "BAND_BYTES", 40_000)
-    assert np.array_equal(gr.denoise_image(np.where(mask, before, np.nan), **call)[mask], whole[mask])
+    tiled = gr.denoise_image(np.where(mask, before, np.nan), **call, memory=900_000)
+    assert np.array_equal(tiled[mask], whole[mask])
 
 
 def test_volume_without_parameters() -> None:
@@ -370,6 +332,20 @@ def test_noise_estimate_on_a_synthetic_scene(sigma: float) -> None:
     # Measured at three seeds: within 4 percent; the noise's own scatter over the 3,686 pixels used is about 2.
     for seed in (3, 5, 7):
         assert gr.estimate_noise(noisy(scene, sigma, seed)) == pytest.approx(sigma, rel=0.08)
+
+
+@pytest.mark.parametrize("sigma", [5, 20])
+def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part of a large picture tells the noise as well as the whole; its contrast is found in bands, to the bit."""
+    y, x = np.indices((1500, 1400))
+    scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
+    before = noisy(scene, sigma).astype(np.float32)
+    whole, contrast = gr.estimate_noise(before), planning._contrast(before, None, None)
+    monkeypatch.setattr(noise, "_LARGE", 1 << 20)
+    monkeypatch.setattr(planning, "_BAND", 1 << 17)
+    # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
+    assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)
+    assert planning._contrast(before, None, None) == contrast
 
 
 def test_noise_estimate_of_channels_masks_and_stacks() -> None:

@@ -163,6 +163,12 @@ def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[Flo
     return padded, sites
 
 
+def padded_shape(graph: AnyGraph, radius: int) -> tuple[int, ...]:
+    """The shape that :func:`padded_for_patches` gives a channel."""
+    grid = graph if isinstance(graph, GridGraph) else graph.grid
+    return (graph.n_vertices,) if grid is None else tuple(s + 2 * radius for s in grid.shape)
+
+
 def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[np.int64]:
     """Steps inside a channel of the given padded shape from a patch's centre to its cells, (cells,)."""
     places = np.indices(patch).reshape(len(patch), -1)
@@ -182,6 +188,10 @@ class Backend(ABC):
     """
 
     name: ClassVar[str]
+
+    # A part of a grid whose first row and column are multiples of these gets the bits of the whole.
+    row_block: int = 1
+    column_block: int = 1
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
         self.device = device
@@ -236,6 +246,38 @@ class Backend(ABC):
     @abstractmethod
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
         """A device function on the directed edges to be written."""
+
+    # Sizes: bytes that what is above takes on the device, told before it is there and without the device
+
+    @property
+    def largest_buffer(self) -> int:
+        """Bytes of the largest array the device holds."""
+        return self.device.memory
+
+    @abstractmethod
+    def topology_bytes(self, graph: AnyGraph) -> int:
+        """What the device keeps of the graph; nothing to speak of on a grid."""
+
+    @abstractmethod
+    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
+        """A function on the vertices."""
+
+    @abstractmethod
+    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
+        """Weights; with `directed` gamma(u, v), one value per directed edge."""
+
+    @abstractmethod
+    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
+        """The arrays that :meth:`patch_distance` needs for a while, besides the weights."""
+
+    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
+        """The arrays that :meth:`similarity_step` needs for a while; `guide` is the number of its channels."""
+        patches = self.patch_bytes(graph, channels if guide is None else guide, radius)
+        return (self.edge_bytes(graph), self.function_bytes(graph, channels), *patches)
+
+    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
+        """What a sweep needs for a while, besides the arrays that it is given."""
+        return 0
 
     # Primitives: kernels/README.md is their contract
 

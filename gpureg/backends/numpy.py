@@ -6,6 +6,7 @@ edges, a stored graph a loop over blocks of rows. ``tests/paper.py`` holds it ag
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from .base import (
     Weighted,
     host_weights,
     padded_for_patches,
+    padded_shape,
     patch_jumps,
 )
 
@@ -152,6 +154,27 @@ class NumpyBackend(Backend):
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
         shape = (len(graph.offsets), *graph.shape) if isinstance(graph, GridGraph) else (graph.n_edges,)
         return np.zeros((*shape, channels), self.dtype)
+
+    def topology_bytes(self, graph: AnyGraph) -> int:
+        return 0
+
+    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
+        return graph.n_vertices * channels * self.dtype.itemsize
+
+    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
+        if isinstance(graph, GridGraph):
+            return graph.n_vertices * graph.half_window * (2 if directed else 1) * self.dtype.itemsize
+        return graph.n_edges * self.dtype.itemsize
+
+    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
+        # the padded function, a copy, a difference and its square; distances and sums of slabs on the way
+        cells = math.prod(padded_shape(graph, radius)) * self.dtype.itemsize
+        return (cells * channels,) * 4 + (cells,) * 4
+
+    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
+        # sums, terms and what they are made of, over the vertices or over a block of edges
+        rows = graph.n_vertices if isinstance(graph, GridGraph) else graph.n_vertices + 2 * _BLOCK
+        return (6 * channels + 8) * rows * self.dtype.itemsize
 
     def _along(self, weighted: Weighted, h: int) -> tuple[_Edges, _Edges]:
         """The edges of a grid along forward offset h, from their start and back."""

@@ -33,6 +33,7 @@ from .base import (
     Weighted,
     host_weights,
     padded_for_patches,
+    padded_shape,
     patch_jumps,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
@@ -241,6 +242,40 @@ class OpenCLBackend(Backend):
 
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
         return _Function(self._zeros(self._topology(graph).edge_size(channels)), channels)
+
+    # Sizes
+
+    def _layout(self, graph: AnyGraph) -> CsrLayout | GridLayout:
+        """The graph's layout without anything on the device, where nothing is there yet."""
+
+        def nothing(host: npt.NDArray[Any]) -> None:
+            return None
+
+        found = self._topologies.get(graph)
+        if found is not None:
+            return found
+        return GridLayout(nothing, graph, self.lanes) if isinstance(graph, GridGraph) else CsrLayout(nothing, graph)
+
+    @property
+    def largest_buffer(self) -> int:
+        return int(self.device.handle.max_mem_alloc_size)
+
+    def topology_bytes(self, graph: AnyGraph) -> int:
+        return 0 if isinstance(graph, GridGraph) else graph.indptr.nbytes + graph.indices.nbytes
+
+    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
+        return self._layout(graph).size(channels) * self.dtype.itemsize
+
+    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
+        layout = self._layout(graph)
+        return (layout.edge_size(1) if directed else layout.weight_size()) * self.dtype.itemsize
+
+    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
+        layout, cells = self._layout(graph), math.prod(padded_shape(graph, radius))
+        if isinstance(layout, GridLayout):
+            cells += 2 * (layout.reach + layout.width)
+        mask = () if not isinstance(graph, GridGraph) or graph.mask is None else (self.function_bytes(graph, 1),)
+        return (channels * cells * self.dtype.itemsize, *mask)
 
     # Kernels
 

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, Graph, GridGraph, opposite_edges
+from ..graph import FloatArray, Graph, GridGraph, IntArray, opposite_edges
 from ..kernels.warp import (
     adjoint,
     csr,
@@ -60,6 +60,7 @@ from .base import (
     Weighted,
     host_weights,
     padded_for_patches,
+    padded_shape,
 )
 
 CUDA_TIER, CPU_TIER = 0, 3
@@ -435,6 +436,36 @@ class WarpBackend(Backend):
         shape = tuple(max(size, 1) for size in self._layout(graph).edge_shape())
         return wp.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
 
+    # Sizes
+
+    def topology_bytes(self, graph: AnyGraph) -> int:
+        return 0 if isinstance(graph, GridGraph) else 4 * (graph.n_vertices + 1 + graph.n_edges)
+
+    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
+        return graph.n_vertices * channels * self.dtype.itemsize
+
+    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
+        if isinstance(graph, GridGraph):
+            half = graph.n_vertices * max(graph.half_window, 1) * self.dtype.itemsize
+            return 2 * half if directed else half
+        return max(graph.n_edges, 1) * self.dtype.itemsize
+
+    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
+        if not isinstance(graph, GridGraph):
+            return (math.prod(padded_shape(graph, radius)) * channels * self.dtype.itemsize, 8 * graph.n_vertices)
+        return self._plane_bytes(graph, channels, radius, graph.forward_offsets)
+
+    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
+        if guide is not None:
+            return super().step_bytes(graph, channels, guide, radius)
+        return self._plane_bytes(graph, channels, radius, graph.offsets)
+
+    def _plane_bytes(self, graph: GridGraph, channels: int, radius: int, offsets: IntArray) -> tuple[int, ...]:
+        """The padded function and the plane that says where the grid is, as strips take them."""
+        *rows, width = padded_shape(graph, radius)
+        plane = math.prod(rows) * (width + sum(self._guards(offsets, radius))) * self.dtype.itemsize
+        return channels * plane, plane
+
     # Kernels
 
     def _launch(
@@ -544,6 +575,15 @@ class WarpBackend(Backend):
 
     # Primitives
 
+    def _strip_width(self) -> int:
+        """Cells of a row that a strip treats at once."""
+        return _STRIP_BYTES // self.dtype.itemsize if self._on.is_cpu else 1
+
+    def _guards(self, offsets: IntArray, radius: int) -> tuple[int, int]:
+        """Zeros before and after a padded row: as far as the window and a pack may reach."""
+        left = int(np.abs(offsets[:, -1]).max(initial=0))
+        return left, left + 2 * self._strip_width() + 2 * radius
+
     def _launch_strips(
         self,
         make: Callable[..., Any],
@@ -558,9 +598,8 @@ class WarpBackend(Backend):
         """Run a kernel over the strips of ``strip.py``; `backward`: with the whole window, not its forward half."""
         M, ndim, r, width = f.shape[1], graph.ndim, form.radius, graph.shape[-1]
         height = graph.shape[-2] if ndim > 1 else 1
-        N = S = 1
+        N, S = self._strip_width(), 1
         if self._on.is_cpu:
-            N = _STRIP_BYTES // self.dtype.itemsize
             S = min(_STRIP_ROWS, max(_STRIP_SCRATCH // (_STRIP_BYTES * (M + 2)), 1), height)
         half = np.ones(graph.half_window) if form.spatial is None else form.spatial
         offsets, spatial = graph.forward_offsets, half
@@ -568,10 +607,10 @@ class WarpBackend(Backend):
             offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
         # Rows in planes, with zeros as far as the window and a pack may reach.
         padded, _ = padded_for_patches(graph, np.asarray(f, self.dtype), r)
-        left = int(np.abs(offsets[:, -1]).max(initial=0))
+        left, right = self._guards(offsets, r)
         inside = np.zeros((1, *padded.shape[1:]), self.dtype)
         inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
-        guards = [(0, 0)] * ndim + [(left, left + 2 * N + 2 * r)]
+        guards = [(0, 0)] * ndim + [(left, right)]
         planes, within = np.pad(padded, guards), np.pad(inside, guards)
         # The patch along the leading axes of a grid of three axes and more, as steps in rows.
         leading = form.window(max(ndim - 2, 0))

@@ -6,25 +6,13 @@ To add one: a file here with a frozen dataclass that has ``start``, ``advance`` 
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from .euler import Euler
 from .jacobi import Jacobi
 from .loop import Check, Solver, run
 
-__all__ = ["SOLVERS", "Check", "Euler", "Jacobi", "Solver", "is_local", "resolve", "run"]
+__all__ = ["SOLVERS", "Check", "Euler", "Jacobi", "Solver", "resolve", "run"]
 
 SOLVERS: dict[str, type[Solver]] = {"jacobi": Jacobi, "euler": Euler}
-
-
-def is_local(solver: str | Solver, p: float, lam: Any) -> bool:
-    """Whether a solver treats a part of a graph as it would inside the whole: its step does not depend on the rest."""
-    method = resolve(solver)
-    if isinstance(method, Jacobi):
-        return method.damping is not None or p > 2 or bool(np.min(lam) > 0)
-    return isinstance(method, Euler) and method.step is not None and p == 2
 
 
 def resolve(solver: str | Solver) -> Solver:

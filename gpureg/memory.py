@@ -1,0 +1,228 @@
+"""Device memory as a budget: the bytes a job needs, known before it starts, and the bytes it may take."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import backends
+from .backends import Backend
+from .graph import Graph, GridGraph
+from .weights import Constant, Weights, patch_weights
+
+AnyGraph = Graph | GridGraph
+
+# Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
+_SHARES = {"cpu": 0.5, "gpu": 0.9}
+
+_UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+
+
+@dataclass(frozen=True)
+class Need:
+    """Bytes of a job: of all its arrays at their peak, and of the largest one."""
+
+    total: int
+    largest: int
+
+    @classmethod
+    def of(cls, arrays: Sequence[int]) -> Need:
+        """The need of these arrays."""
+        return cls(sum(arrays), max(arrays, default=0))
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Bytes that a job may take, of the largest array too, and who says so.
+
+    Attributes
+    ----------
+    total, largest : int
+        Bytes.
+    asked : bool
+        Whether the caller or the environment set the limit, and not the device.
+    """
+
+    total: int
+    largest: int
+    asked: bool
+
+    def holds(self, need: Need) -> bool:
+        """Whether a job fits."""
+        return need.total <= self.total and need.largest <= self.largest
+
+
+@dataclass(frozen=True)
+class Job:
+    """What of a regularization decides its memory, besides the graph.
+
+    Attributes
+    ----------
+    channels : int
+        Of the function.
+    norms : int
+        Channels of the conductances on the vertices; 0 where there are none.
+    weights : Weights, array or None
+        None for the graph's own.
+    directed : bool
+        Whether gamma is given per directed edge.
+    per_vertex : bool
+        Whether lam is.
+    stored : bool
+        Whether weights are stored; if not, the job is one sweep.
+    """
+
+    channels: int = 1
+    norms: int = 0
+    weights: Weights | npt.NDArray[Any] | None = None
+    directed: bool = False
+    per_vertex: bool = False
+    stored: bool = True
+
+    def need(self, graph: AnyGraph, backend: Backend) -> Need:
+        """The bytes on a graph, by what the backend says of its arrays; nothing happens on the device."""
+        fidelity = [backend.function_bytes(graph, 1)] if self.per_vertex else []
+        function = backend.function_bytes(graph, self.channels)
+        found = patch_weights(self.weights)
+        guide = None if found is None or found[1] is None else found[1].guide.shape[1]
+        if not self.stored:
+            assert found is not None and isinstance(graph, GridGraph)
+            scratch = backend.step_bytes(graph, self.channels, guide, found[0].reach)
+            return Need.of([*fidelity, *scratch, function, function])
+        arrays = [*fidelity, backend.topology_bytes(graph)]
+        # the data, the last two iterates, and the conductances
+        arrays += [function] * 3 + ([backend.function_bytes(graph, self.norms)] if self.norms else [])
+        if self.directed or not _is_unit(graph, self.weights):
+            arrays.append(backend.edge_bytes(graph, directed=self.directed))
+        if found is not None:
+            arrays += backend.patch_bytes(graph, guide or self.channels, found[0].reach)
+        arrays.append(backend.sweep_bytes(graph, self.channels))
+        return Need.of(arrays)
+
+
+def _is_unit(graph: AnyGraph, weights: Any) -> bool:
+    """Whether every edge has weight 1, which is not stored."""
+    own = graph.mask if isinstance(graph, GridGraph) else graph.weights
+    return own is None and (weights is None or isinstance(weights, Constant))
+
+
+def memory_needed(
+    graph: Graph | GridGraph,
+    *,
+    channels: int = 1,
+    p: float = 2.0,
+    lam: float | npt.ArrayLike = 1.0,
+    weights: Weights | npt.ArrayLike | None = None,
+    norm: str = "vertex",
+    coupled: bool = True,
+    stored: bool = True,
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+) -> int:
+    """Bytes that a job takes on its device, told before it starts: nothing happens there.
+
+    Parameters
+    ----------
+    graph : Graph or GridGraph
+    channels : int, default 1
+        Channels of the data.
+    p, lam, weights, norm, coupled
+        As in :func:`gpureg.regularize`; whether `lam` is a number or one value per vertex is all that matters of it.
+    stored : bool, default True
+        Whether the weights are stored. False is one sweep at p = 2 of bilateral or patch weights, as
+        :func:`gpureg.denoise_image` makes it where nothing else is asked for.
+    backend, dtype
+        As in :func:`gpureg.regularize`.
+
+    Returns
+    -------
+    int
+        The peak, with what is needed for a while. What the host holds meanwhile is not counted.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Neither kind of graph, no channels, or weights that have to be stored.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> grid, weights = gr.GridGraph((512, 512), 7), gr.weights.patch(2, 0.5)
+    >>> gr.memory_needed(grid, weights=weights, backend="numpy") // 2**20
+    137
+    """
+    if not isinstance(graph, Graph | GridGraph):
+        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    if isinstance(channels, bool) or not isinstance(channels, int | np.integer) or channels < 1:
+        raise ValueError(f"channels must be an integer >= 1, got {channels!r}")
+    if not stored and (patch_weights(weights) is None or not isinstance(graph, GridGraph)):
+        raise ValueError("stored=False needs bilateral or patch weights on a GridGraph: others have to be stored")
+    job = Job(
+        channels=int(channels),
+        norms=0 if p == 2 or norm == "edge" else 1 if coupled else int(channels),
+        weights=weights if weights is None or isinstance(weights, Weights) else np.asarray(weights),
+        per_vertex=np.ndim(lam) > 0,
+        stored=stored,
+    )
+    return job.need(graph, backends.get(backend, np.float32 if dtype is None else dtype)).total
+
+
+def budget(backend: Backend, memory: int | None) -> Budget:
+    """What a job may take: the least of a share of the device's memory, `memory`, and GPUREG_MEMORY.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A `memory` or a GPUREG_MEMORY that is no number of bytes.
+    """
+    device = backend.device
+    limits = [int(device.memory * _SHARES[device.kind])] if device.memory else []
+    asked = []
+    if memory is not None:
+        if isinstance(memory, bool) or not isinstance(memory, int | np.integer):
+            raise TypeError(f"memory must be a number of bytes, got {memory!r}")
+        if memory < 1:
+            raise ValueError(f"memory must be >= 1 byte, got {memory}")
+        asked.append(int(memory))
+    named = os.environ.get("GPUREG_MEMORY", "").strip()
+    if named:
+        try:
+            asked.append(as_bytes(named))
+        except ValueError as error:
+            raise ValueError(f"GPUREG_MEMORY: {error}") from None
+    smallest = min([*limits, *asked], default=2**62)
+    return Budget(smallest, min(smallest, backend.largest_buffer or smallest), bool(asked) and smallest in asked)
+
+
+def as_bytes(text: str) -> int:
+    """A number of bytes from a text such as "8GiB", "512M" or "1000000".
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+
+    Examples
+    --------
+    >>> as_bytes("1.5 GiB")
+    1610612736
+    """
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
+    size = int(float(match[1]) * _UNITS[match[2].upper()]) if match else 0
+    if size < 1:
+        raise ValueError(f"memory must be a number of bytes >= 1, such as 4GiB or 500M (of 2^20), got {text!r}")
+    return size
+
+
+def readable(count: int) -> str:
+    """Bytes for a sentence."""
+    for unit, size in (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} bytes"
