@@ -119,7 +119,7 @@ def tiling(
     MemoryError
         Even a small tile does not fit.
     """
-    blocks = _blocks(grid.ndim, backend)
+    blocks = (1,) * grid.ndim if job.stored else _blocks(grid.ndim, backend)
     best: tuple[float, Tiling] | None = None
     least = Need(2**62, 2**62)
     for sweeps in [n for n in _BLOCKS if n <= max(most, 1)]:
@@ -151,6 +151,7 @@ def tiling(
 
 
 def _blocks(ndim: int, backend: Backend) -> tuple[int, ...]:
+    """Cells along each axis at whose multiples a device may begin a step without stored weights anew."""
     return tuple((*[1] * ndim, backend.row_block, backend.column_block)[-ndim:])
 
 

@@ -127,7 +127,7 @@ def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
 def test_a_part_has_the_bits_of_the_whole(device):
     """A band that begins at a multiple of the device's row block; its halo is the window's and the patch's reach."""
     backend = backends.get(device)
-    block = backend.row_block(2)
+    block = backend.row_block
     whole = GridGraph((3 * block + 70, 53), 4, "chebyshev")
     f = cases.function(whole).reshape(*whole.shape, 1)
     first = block * -(-11 // block)

@@ -189,7 +189,8 @@ class Backend(ABC):
 
     name: ClassVar[str]
 
-    # A part of a grid whose first row and column are multiples of these gets the bits of the whole.
+    # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
+    # `similarity_step`; all else treats a vertex alike wherever it lies.
     row_block: int = 1
     column_block: int = 1
 
@@ -420,13 +421,6 @@ class Backend(ABC):
         """
         weighted = self.patch_distance(graph, f if guide is None else guide, form)
         return self.jacobi_step(weighted, self.put(graph, f), f0, None, lam, out=out)
-
-    def row_block(self, ndim: int) -> int:
-        """Rows of which a part of a grid must begin at a multiple to get the bits of the whole.
-
-        From :meth:`similarity_step`, along the first of two axes; all else treats a vertex alike wherever it lies.
-        """
-        return 1
 
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""

@@ -37,7 +37,7 @@ from .base import (
     patch_jumps,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
-from .opencl_strips import Strips, exp2_scale, strip_rows
+from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
 
 GPU_TIER, CPU_TIER = 1, 2
 
@@ -139,6 +139,8 @@ class OpenCLBackend(Backend):
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._kept: cl.Buffer = None
+        if device.kind == "cpu":
+            self.row_block, self.column_block = ROWS, PACKS * self.lanes
 
     # Buffers
 
@@ -271,11 +273,31 @@ class OpenCLBackend(Backend):
         return (layout.edge_size(1) if directed else layout.weight_size()) * self.dtype.itemsize
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        layout, cells = self._layout(graph), math.prod(padded_shape(graph, radius))
-        if isinstance(layout, GridLayout):
-            cells += 2 * (layout.reach + layout.width)
-        mask = () if not isinstance(graph, GridGraph) or graph.mask is None else (self.function_bytes(graph, 1),)
-        return (channels * cells * self.dtype.itemsize, *mask)
+        if not isinstance(graph, GridGraph):
+            return (channels * math.prod(padded_shape(graph, radius)) * self.dtype.itemsize,)
+        return self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+
+    def _plane_bytes(self, strips: Strips, channels: int) -> tuple[int, ...]:
+        """Padded planes of so many channels, and the mask's."""
+        plane = strips.plane * self.dtype.itemsize
+        return (channels * plane, *(() if strips.graph.mask is None else (plane,)))
+
+    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
+        strips = self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1 + channels)
+        arrays = self._plane_bytes(strips, channels)
+        if guide is not None:
+            arrays += self._plane_bytes(strips, guide)[:1]
+        if graph.ndim == 2 and not strips.gpu:
+            slots = strips.slots()
+            arrays += (slots.ring * slots.blocks * slots.size * self.dtype.itemsize,)
+        return arrays
+
+    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
+        layout = self._layout(graph)
+        if not isinstance(layout, GridLayout) or self.device.kind == "gpu":
+            return 0
+        blocks = layout.blocks(channels, 1, True, self.device.handle.max_compute_units)
+        return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
     # Kernels
 
@@ -387,9 +409,6 @@ class OpenCLBackend(Backend):
         options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
         self._run("patch_distance", Weighted(graph, topology, None), args, options)
         return Weighted(graph, topology, weights)
-
-    def row_block(self, ndim: int) -> int:
-        return strip_rows(ndim, self.device.kind == "gpu") if ndim == 2 else 1
 
     def similarity_step(
         self,

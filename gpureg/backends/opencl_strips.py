@@ -13,8 +13,9 @@ from ..graph import FloatArray, GridGraph
 from .base import PatchForm, padded_for_patches
 from .opencl_layout import Upload, round_up
 
-# On a CPU, rows of a block, and packs of its rows times sums per cell: what a work item keeps fits the second cache.
-_ROWS, _PACKS = 32, 16
+# On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
+# work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.
+ROWS, PACKS = 32, 8
 # On a GPU, rows that one thread goes down.
 _GPU_ROWS = 8
 
@@ -23,11 +24,6 @@ _SLOT_BYTES = 1 << 25
 
 # A row as long as this, or a multiple, puts neighbouring rows in the same places of a cache.
 _ALIASING_BYTES = 1 << 12
-
-
-def strip_rows(ndim: int, gpu: bool) -> int:
-    """Rows of a block; bands of a picture that begin at multiples of it are cut into the same blocks as the whole."""
-    return 1 if ndim == 1 else _GPU_ROWS if gpu else _ROWS
 
 
 @dataclass(frozen=True)
@@ -86,16 +82,13 @@ class Strips:
     @property
     def rows(self) -> int:
         """S."""
-        return strip_rows(self.graph.ndim, self.gpu)
+        return 1 if self.graph.ndim == 1 else _GPU_ROWS if self.gpu else ROWS
 
     @property
     def packs(self) -> int:
-        """B, a power of two; one block is enough where a row has few packs."""
-        if self.gpu:
-            return 1
-        most, in_row = _PACKS // self.sums, -(-self.graph.shape[-1] // self.lanes)
+        """B, a power of two."""
         packs = 1
-        while 2 * packs <= most and packs < in_row:
+        while not self.gpu and packs * self.sums < PACKS * 2 and packs < PACKS:
             packs *= 2
         return packs
 
@@ -117,6 +110,11 @@ class Strips:
         wide = self.graph.shape[-1] + 4 * self.form.radius + (self.packs + 2) * self.lanes
         pitch = round_up(wide, self.lanes) + 2 * round_up(self.reach, self.lanes)
         return pitch if pitch * self.itemsize % _ALIASING_BYTES else pitch + self.lanes
+
+    @property
+    def plane(self) -> int:
+        """Numbers in a padded plane."""
+        return math.prod(s + 2 * self.form.radius for s in self.graph.shape[:-1]) * self.pitch
 
     @property
     def left(self) -> int:
@@ -174,7 +172,7 @@ class Strips:
         largest = float(np.finfo(real).max)
         return [
             guide,
-            np.int64(math.prod(padded) * self.pitch),
+            np.int64(self.plane),
             np.int64(self.pitch),
             np.int64(self.left),
             upload(self.inside(real)) if graph.mask is not None else guide,
