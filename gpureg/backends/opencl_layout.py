@@ -85,6 +85,8 @@ class Layout(ABC):
         Vertices a work item treats.
     global_size, segments : tuple of int
         Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
+    group : tuple of int or None
+        Work items of a sum that go together on a CPU, None where the driver chooses.
     """
 
     options: tuple[str, ...]
@@ -92,6 +94,7 @@ class Layout(ABC):
     global_size: tuple[int, ...]
     segments: tuple[int, ...]
     segment: int
+    group: tuple[int, ...] | None = None
 
     @abstractmethod
     def size(self, channels: int) -> int:
@@ -238,6 +241,7 @@ class GridLayout(Layout):
         per_row = min(packs, max(1, -(-SEGMENTS // self.rows)))
         self.segment = -(-packs // per_row)
         self.segments = (-(-packs // self.segment), self.rows)
+        self.group = (1, next(size for size in (8, 4, 2, 1) if self.rows % size == 0))
         self.global_size = (packs, self.rows)
 
     def spread(self, cells: int) -> int:

@@ -80,10 +80,10 @@ static inline realN raise(const realN x, const real power)
 /* A long sum of packs, lane by lane: in float64 where the device has it, otherwise compensated (Neumaier), error about 2
  * roundings. sum_value adds the lanes at the end, in their order. */
 #if N == 1
-#define LANE(x, i) (x)
+#define LANES_OF(x, parts) parts[0] = (x)
 #define TO_DOUBLE(x) ((double)(x))
 #else
-#define LANE(x, i) (x)[i]
+#define LANES_OF(x, parts) CONCATENATE(vstore, N)(x, 0, parts)
 #define TO_DOUBLE(x) CONCATENATE(convert_double, N)(x)
 #endif
 
@@ -99,8 +99,9 @@ static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
 static inline long_sum sum_add(long_sum s, const realN x) { s.sum += TO_DOUBLE(x); return s; }
 static inline double sum_value(const long_sum s)
 {
-    double total = 0;
-    for (int i = 0; i < N; ++i) total += LANE(s.sum, i);
+    double parts[N], total = 0;
+    LANES_OF(s.sum, parts);
+    for (int i = 0; i < N; ++i) total += parts[i];
     return total;
 }
 #else
@@ -116,10 +117,12 @@ static inline long_sum sum_add(long_sum s, const realN x)
 }
 static inline float sum_value(const long_sum s)
 {
-    float total = 0, lost = 0;
+    float parts[N], rests[N], total = 0, lost = 0;
+    LANES_OF(s.sum, parts);
+    LANES_OF(s.lost, rests);
     for (int i = 0; i < N; ++i) {
-        const float x = LANE(s.sum, i), t = total + x;
-        lost += (fabs(total) >= fabs(x) ? (total - t) + x : (x - t) + total) + LANE(s.lost, i);
+        const float x = parts[i], t = total + x;
+        lost += (fabs(total) >= fabs(x) ? (total - t) + x : (x - t) + total) + rests[i];
         total = t;
     }
     return total + lost;
