@@ -26,7 +26,7 @@ SMALL_WINDOW = 8
 CACHE_LINE = 64
 
 # Bytes that a block of a fused sweep may have in use at a time, and its rows for each row of halo.
-WORKING_SET = 1 << 19
+WORKING_SET = 6 << 20
 HALO = 32
 
 

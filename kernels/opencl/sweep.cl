@@ -28,7 +28,7 @@
 
 /* PoCL's prefetch() does nothing. */
 #ifdef __clang__
-#define PREFETCH(p) __builtin_prefetch((const void *)(size_t)(p))
+#define PREFETCH(p) __builtin_prefetch((const void *)(size_t)(p), 0, 2)
 #else
 #define PREFETCH(p) prefetch(p, N)
 #endif
@@ -190,7 +190,7 @@ INLINE void update_pack(
 
 INLINE void gradient_block(
     GRAPH_ARGS, const int n_segments, __global const int *segments, __global const real *f, const real eps2,
-    const real power, const int x, const int row, __global real *its_ring, const long ring_pitch)
+    const real power, const int x, const int row, const bool alone, __global real *its_ring, const long ring_pitch)
 {
     const long u = guard + row * pitch + x;
     ROW_COORDINATES
@@ -199,11 +199,20 @@ INLINE void gradient_block(
          for (int c = 0; c < G; ++c) sum[r][q][c] = 0;)
     SEGMENTS
 #ifdef WEIGHTED
-        /* the weights of the next rows, so that they are here in time; each plane is a stream of its own, and short */
+        /* The weights of the next rows, ROWS PACKS packs a turn, so that they are here in time. In the order of memory
+         * where the block is as wide as the grid: a processor foresees one long stream, not hundreds of short ones. */
         if (first[0] >= H) {
-            const long place = weight_guard + x + ((long)(row + ROWS) * H + (first[0] + i - H)) * weight_pitch;
-            EACH_PACK(PREFETCH(weights + place + q * N);)
-            if (ROWS == 2) { EACH_PACK(PREFETCH(weights + place + H * weight_pitch + q * N);) }
+            const int h = first[0] + i - H;
+            const long next = weight_guard + (long)(row + ROWS) * H * weight_pitch;
+            if (alone) {
+                const long turn = next + ((long)(x / (PACKS * N)) * H + h) * ROWS * PACKS * N;
+                EACH_PACK(PREFETCH(weights + turn + q * N);)
+                if (ROWS == 2) { EACH_PACK(PREFETCH(weights + turn + (PACKS + q) * N);) }
+            } else {
+                const long turn = next + h * weight_pitch + x;
+                EACH_PACK(PREFETCH(weights + turn + q * N);)
+                if (ROWS == 2) { EACH_PACK(PREFETCH(weights + turn + H * weight_pitch + q * N);) }
+            }
         }
 #endif
         realN f_v[PACKS][M];
@@ -292,8 +301,8 @@ __kernel void sweep(
             begun = done = BLOCKS_FROM(wide_from);
             for (; done + PACKS * N <= BLOCKS_TO(wide_to); done += PACKS * N)
                 gradient_block(
-                    GRAPH, n_segments, segments, f, eps2, power, done, above, ring + (long)slot * G * ring_pitch,
-                    ring_pitch);
+                    GRAPH, n_segments, segments, f, eps2, power, done, above, stretch >= width,
+                    ring + (long)slot * G * ring_pitch, ring_pitch);
         }
 #endif
         for (int row = max(above, 0); row < min(above + ROWS, n_rows); ++row) {
