@@ -49,9 +49,9 @@ def window_runs(offsets: IntArray) -> IntArray:
 def window_segments(offsets: IntArray, jumps: IntArray, both: bool) -> IntArray:
     """The common window of a row and, with `both`, of the next one, (segments, 5): what ``sweep.cl`` goes through.
 
-    A segment is a jump of rows from the first row, a first step along the row, a number of steps, and the numbers of its
-    first offset in the window of the first and of the second row, -1 where it is not in that window. By rows and steps,
-    so that each row meets its offsets in their order.
+    A segment is a jump of rows from the first row, a first step along the row, a number of steps, and the numbers of
+    its first offset in the window of the first and of the second row, -1 where it is not in that window. By rows and
+    steps, so that each row meets its offsets in their order.
     """
     first = {(int(j), int(o)): k for k, (j, o) in enumerate(zip(jumps, offsets[:, -1], strict=True))}
     places = sorted(first.keys() | ({(j + 1, o) for j, o in first} if both else set()))
@@ -245,9 +245,9 @@ class GridLayout(Layout):
         self.global_size = (packs, self.rows)
 
     def spread(self, cells: int) -> int:
-        """Numbers from one row to the next, room for `cells` in whole packs, such that neighbouring rows do not share
-        the sets of a cache: an odd number of cache lines. (With 1024 numbers all rows begin in the same set, and more
-        than 8 of them push each other out.)
+        """Numbers from one row of `cells` to the next: whole packs, and an odd number of cache lines.
+
+        With 1024 numbers, say, all rows would begin in the same set of a cache, and push each other out.
         """
         packs, line = round_up(cells, self.N), CACHE_LINE // self.itemsize
         return packs + line if packs % (2 * line) == 0 else packs

@@ -140,21 +140,25 @@ INLINE void update_pack(
 #ifdef WINDOW
 #define ROWS 1
 #else
-/* The same for ROWS rows of PACKS packs. All is written out pack by pack: a loop would keep the sums in memory. */
-#if NDIM == 2
-#define ROWS 2
-#define PACKS 2
-#define EACH_PACK(...) { const int q = 0; __VA_ARGS__ } { const int q = 1; __VA_ARGS__ }
-#define BOTH(...) { const int r = 0; EACH_PACK(__VA_ARGS__) } { const int r = 1; EACH_PACK(__VA_ARGS__) }
-#define SEGMENT_EXISTS (row + row_jump >= 0 && row + row_jump < n_rows)
-#else
-#define ROWS 1
+/* The same for ROWS rows of PACKS packs: 4 where 32 registers hold as many (AVX-512). All is written out pack by pack: a
+ * loop would keep the sums in memory. */
+#if NDIM != 2 || (M == 1 && (N == 16 || (N == 8 && defined(DOUBLE))))
 #define PACKS 4
 #define EACH_PACK(...)                                                                                               \
     { const int q = 0; __VA_ARGS__ }                                                                                 \
     { const int q = 1; __VA_ARGS__ }                                                                                 \
     { const int q = 2; __VA_ARGS__ }                                                                                 \
     { const int q = 3; __VA_ARGS__ }
+#else
+#define PACKS 2
+#define EACH_PACK(...) { const int q = 0; __VA_ARGS__ } { const int q = 1; __VA_ARGS__ }
+#endif
+#if NDIM == 2
+#define ROWS 2
+#define BOTH(...) { const int r = 0; EACH_PACK(__VA_ARGS__) } { const int r = 1; EACH_PACK(__VA_ARGS__) }
+#define SEGMENT_EXISTS (row + row_jump >= 0 && row + row_jump < n_rows)
+#else
+#define ROWS 1
 #define BOTH(...) { const int r = 0; EACH_PACK(__VA_ARGS__) }
 #define SEGMENT_EXISTS ROW_EXISTS(first[0])
 #endif
