@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import EPS, fidelity, function, graph, weights
+from cases import EPS, fidelity, function, graph, half_weights, weights
 
 from gpureg import backends
+from gpureg.graph import GridGraph
 
 ORACLE = backends.get("numpy", np.float64)
 
@@ -48,6 +49,60 @@ def test_every_pack_width_computes_the_same(width: int, kind: str, name: str) ->
     for (primitive, found), expected in zip(results(backend).items(), results(ORACLE).values(), strict=True):
         # The sharp bounds are test_backends.py's; a lane in the wrong place is off by the size of the values.
         assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max(), primitive
+
+
+@pytest.mark.parametrize(
+    ("shape", "radius", "metric", "weighted", "channels"),
+    [
+        ((75, 151), 1, "cityblock", False, 1),
+        ((75, 151), 1, "chebyshev", True, 3),
+        ((75, 151), 3, "chebyshev", True, 1),
+        ((75, 151), 3, "euclidean", False, 1),
+        ((3, 2201), 2, "chebyshev", True, 1),
+        ((9, 11, 37), 1, "chebyshev", True, 1),
+    ],
+)
+def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
+    shape: tuple[int, ...], radius: int, metric: str, weighted: bool, channels: int
+) -> None:
+    """The same bits from the whole, from blocks of other sizes, and from a part with a halo; from NaN in the ring."""
+    if not drivers():
+        pytest.skip(backends.absent()["opencl"])
+    from gpureg.backends import opencl
+    from gpureg.backends.opencl_layout import Blocks, GridLayout, round_up
+
+    backend = opencl.make(drivers()[0], np.float32)
+    grid = GridGraph(shape, radius, metric)  # type: ignore[arg-type]
+    f, f0, lam = function(grid, channels), function(grid, channels, seed=13), fidelity(grid)
+    half = half_weights(grid) if weighted else None
+
+    def swept(grid: GridGraph, half: np.ndarray | None, *functions: np.ndarray) -> np.ndarray:
+        on, (F, F0, L) = backend.prepare(grid, half), (backend.put(grid, x) for x in functions)
+        out = backend.put(grid, np.full(functions[0].shape, np.nan))
+        backend.sweep(on, F, F0, L, p=1.0, eps=EPS, coupled=True, theta=0.625, g=None, out=out)
+        return backend.get(grid, out)
+
+    whole = swept(grid, half, f, f0, lam)
+    layout = backend._topology(grid)
+    assert isinstance(layout, GridLayout)
+    planned = layout.blocks(channels, 1, weighted, 2)
+    lanes = layout.width
+    for band, stretch in ((2, lanes), (4, 3 * lanes), (shape[0] + 1, round_up(shape[-1], lanes))):
+        ring_pitch = layout.spread(stretch + 2 * round_up(layout.reach, lanes) + lanes)
+        count = (-(-layout.W // stretch), -(-layout.rows // band))
+        blocks = Blocks(band, stretch, count, planned.slots, ring_pitch, planned.slots * ring_pitch)
+        layout.blocks = lambda *_, blocks=blocks: blocks  # type: ignore[method-assign, misc]
+        layout._rings = backend.upload(np.full(blocks.ring_size * count[0] * count[1], np.nan, np.float32))
+        assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
+    # a part that begins and ends anywhere, with a halo of two radii
+    halo, last = 2 * radius, shape[-1]
+    begin, end = last // 3, last // 3 + 21
+    wide = slice(begin - halo, end + halo)
+    part = GridGraph((*shape[:-1], end - begin + 2 * halo), radius, metric)  # type: ignore[arg-type]
+    cut = [x.reshape(*shape, -1)[..., wide, :].reshape(part.n_vertices, -1) for x in (f, f0, lam)]
+    inside = None if half is None else half[..., wide] * part.unit_half_weights()
+    found = swept(part, inside, *cut).reshape(*part.shape, channels)[..., halo:-halo, :]
+    assert found.tobytes() == whole.reshape(*shape, channels)[..., begin:end, :].tobytes()
 
 
 def test_a_job_too_large_for_the_device_says_so() -> None:

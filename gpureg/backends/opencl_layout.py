@@ -26,7 +26,7 @@ SMALL_WINDOW = 8
 CACHE_LINE = 64
 
 # Bytes that a block of a fused sweep may have in use at a time, and its rows for each row of halo.
-WORKING_SET = 1 << 19
+WORKING_SET = 6 << 20
 HALO = 32
 
 # Columns of a block through a wide window: its weights are read in stretches as long as this.
@@ -65,6 +65,8 @@ class Layout(ABC):
         Vertices a work item treats.
     global_size, segments : tuple of int
         Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
+    group : tuple of int or None
+        Work items of a sum that go together on a CPU, None where the driver chooses.
     """
 
     options: tuple[str, ...]
@@ -72,6 +74,7 @@ class Layout(ABC):
     global_size: tuple[int, ...]
     segments: tuple[int, ...]
     segment: int
+    group: tuple[int, ...] | None = None
 
     @abstractmethod
     def size(self, channels: int) -> int:
@@ -216,6 +219,7 @@ class GridLayout(Layout):
         per_row = min(packs, max(1, -(-SEGMENTS // self.rows)))
         self.segment = -(-packs // per_row)
         self.segments = (-(-packs // self.segment), self.rows)
+        self.group = (1, next(size for size in (8, 4, 2, 1) if self.rows % size == 0))
         self.global_size = (packs, self.rows)
 
     def spread(self, cells: int) -> int:

@@ -43,7 +43,7 @@ __kernel void energy(
 #else
         for (int c = 0; c < G; ++c) density += raise(sum[c], p / 2) / p;
 #endif
-        total = sum_add(total, USED(density));
+        total = sum_add_pack(total, USED(density));
     SEGMENT_END
     out[SEGMENT_INDEX] = sum_value(total);
 }

@@ -121,7 +121,7 @@ __constant const int window_rows[] = {WINDOW_ROWS};
     _Pragma("unroll") for (int k = 0; k < WINDOW; ++k) {                                                             \
         const int row_jump = WINDOW_ROW(k), step = window_steps[k];                                                  \
         const bool forward = k >= HALF;                                                                              \
-        if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                                                \
+        if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                               \
         const long v = u + row_jump * pitch + step;                                                                  \
         EDGE_PLACE
 #define END }
@@ -130,7 +130,7 @@ __constant const int window_rows[] = {WINDOW_ROWS};
 #define OFFSETS                                                                                                      \
     for (int run = 0; run < n_runs; ++run) {                                                                         \
         const int first = runs[3 * run], from = runs[3 * run + 1], last = first + runs[3 * run + 2];                 \
-        if (!inner_rows && !ROW_EXISTS(first)) continue;                                                                            \
+        if (!inner_rows && !ROW_EXISTS(first)) continue;                                                             \
         const int row_jump = row_jumps[first];                                                                       \
         const bool forward = 2 * run >= n_runs;                                                                      \
         for (int k = first; k < last; ++k) {                                                                         \

@@ -113,54 +113,38 @@ static inline realN exp2_scaled(const realN x, const real scale)
 #endif
 }
 
-/* A long sum of packs, lane by lane: in float64 where the device has it, otherwise compensated (Neumaier), error about 2
- * roundings. sum_value adds the lanes at the end, in their order. */
-#if N == 1
-#define LANE(x, i) (x)
-#define TO_DOUBLE(x) ((double)(x))
-#else
-#define LANE(x, i) (x)[i]
-#define TO_DOUBLE(x) CONCATENATE(convert_double, N)(x)
-#endif
-
+/* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */
 #if defined(DOUBLE) || defined(SUM_DOUBLE)
-#if N == 1
-typedef double doubleN;
-#else
-typedef CONCATENATE(double, N) doubleN;
-#endif
-typedef struct { doubleN sum; } long_sum;
-typedef double sum_t;
+typedef struct { double sum; } long_sum;
 static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
-static inline long_sum sum_add(long_sum s, const realN x) { s.sum += TO_DOUBLE(x); return s; }
-static inline double sum_value(const long_sum s)
-{
-    double total = 0;
-    for (int i = 0; i < N; ++i) total += LANE(s.sum, i);
-    return total;
-}
+static inline long_sum sum_add(long_sum s, const real x) { s.sum += (double)x; return s; }
+static inline double sum_value(const long_sum s) { return s.sum; }
+typedef double sum_t;
 #else
-typedef struct { realN sum, lost; } long_sum;
-typedef float sum_t;
+typedef struct { float sum, lost; } long_sum;
 static inline long_sum sum_start(void) { long_sum s; s.sum = 0; s.lost = 0; return s; }
-static inline long_sum sum_add(long_sum s, const realN x)
+static inline long_sum sum_add(long_sum s, const real x)
 {
-    const realN t = s.sum + x;
+    const float t = s.sum + x;
     s.lost += fabs(s.sum) >= fabs(x) ? (s.sum - t) + x : (x - t) + s.sum;
     s.sum = t;
     return s;
 }
-static inline float sum_value(const long_sum s)
-{
-    float total = 0, lost = 0;
-    for (int i = 0; i < N; ++i) {
-        const float x = LANE(s.sum, i), t = total + x;
-        lost += (fabs(total) >= fabs(x) ? (total - t) + x : (x - t) + total) + LANE(s.lost, i);
-        total = t;
-    }
-    return total + lost;
-}
+static inline float sum_value(const long_sum s) { return s.sum + s.lost; }
+typedef float sum_t;
 #endif
+
+static inline long_sum sum_add_pack(long_sum s, const realN x)
+{
+#if N == 1
+    return sum_add(s, x);
+#else
+    real parts[N];
+    CONCATENATE(vstore, N)(x, 0, parts);
+    for (int i = 0; i < N; ++i) s = sum_add(s, parts[i]);
+    return s;
+#endif
+}
 
 static inline real largest_lane(const realN x)
 {
