@@ -370,7 +370,7 @@ class OpenCLBackend(Backend):
             local = (min(64, self.device.handle.max_work_group_size), 1)
             size = (round_up(size[0], local[0]), size[1])
         with self._shared.lock:
-            self._kernel(primitive, options)(self._shared.queue, size, local, *args)
+            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
