@@ -90,7 +90,8 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     for band, stretch in ((2, lanes), (4, 3 * lanes), (shape[0] + 1, round_up(shape[-1], lanes))):
         ring_pitch = layout.spread(stretch + 2 * round_up(layout.reach, lanes) + lanes)
         count = (-(-layout.W // stretch), -(-layout.rows // band))
-        blocks = Blocks(band, stretch, count, planned.slots, ring_pitch, planned.slots * ring_pitch)
+        size = planned.ring_size // planned.ring_pitch * ring_pitch
+        blocks = Blocks(band, stretch, count, planned.slots, ring_pitch, size)
         layout.blocks = lambda *_, blocks=blocks: blocks  # type: ignore[method-assign, misc]
         layout._rings = backend.upload(np.full(blocks.ring_size * count[0] * count[1], np.nan, np.float32))
         assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
