@@ -39,6 +39,9 @@ from .opencl_layout import CsrLayout, GridLayout, round_up
 
 GPU_TIER, CPU_TIER = 1, 2
 
+# Work items of a group.
+_GPU_GROUP, _CSR_CPU_GROUP = 64, 128
+
 
 def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
     match = re.search(r"PoCL (\d+)\.(\d+)", device.platform.version)
@@ -135,6 +138,8 @@ class OpenCLBackend(Backend):
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
+        group = _GPU_GROUP if device.kind == "gpu" else _CSR_CPU_GROUP
+        self._csr_group = min(group, device.handle.max_work_group_size)
         self._nothing = self.upload(np.zeros(1, self.dtype))
 
     # Buffers
@@ -179,7 +184,7 @@ class OpenCLBackend(Backend):
             found = (
                 GridLayout(self.upload, graph, self.lanes)
                 if isinstance(graph, GridGraph)
-                else CsrLayout(self.upload, graph)
+                else CsrLayout(self.upload, graph, self._csr_group)
             )
             self._topologies[graph] = found
         return found
@@ -225,13 +230,16 @@ class OpenCLBackend(Backend):
 
     # Kernels
 
-    def _kernel(self, primitive: str, options: tuple[str, ...]) -> cl.Kernel:
+    def _kernel(self, primitive: str, options: tuple[str, ...], args: list[Any]) -> cl.Kernel:
+        """The kernel with these build options, which takes arguments such as these."""
         key = (primitive, self._options + options)
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
             program = cl.Program(self._shared.context, source).build(options=list(key[1]))
             found = self._shared.kernels[key] = cl.Kernel(program, primitive)
+            # Without their types pyopencl asks every scalar what it is, which takes 30 us a launch.
+            found.set_scalar_arg_dtypes([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
         return found
 
     def _run(
@@ -246,22 +254,23 @@ class OpenCLBackend(Backend):
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items.
 
-        A kernel that numbers its work items by their count (a sum) asks for an `exact` size; others may get more on a
-        GPU, where the driver, left to choose, would take groups of 1 for a prime size.
+        Work groups have a size of ours where a driver, left to choose, would take groups of 1 for a prime number of
+        work items: on a GPU, and on a stored graph. A kernel that numbers its work items by their count (a sum on a
+        grid) asks for an `exact` size, which is then left to the driver.
         """
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
         if weighted.weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
         size, local = size or layout.global_size, None
-        if self.device.kind == "gpu" and not exact:
-            local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
+        group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
+        if group is not None:
+            local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
         weights = self._nothing if weighted.weights is None else weighted.weights
-        graph_args = layout.args(weights, weighted.directed or primitive == "adjoint")
+        args = [*layout.args(weights, weighted.directed or primitive == "adjoint"), *args]
         with self._shared.lock:
-            kernel = self._kernel(primitive, options)
-            kernel(self._shared.queue, size, local, *graph_args, *args)
+            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
         """A number, or one value per vertex, as the two arguments that stand for it."""
@@ -407,7 +416,7 @@ class OpenCLBackend(Backend):
     ) -> Any:
         """One number per segment of the graph."""
         layout = weighted.topology
-        count = math.prod(layout.segments)
+        count = round_up(math.prod(layout.segments), layout.group or 1)
         out = self._allocate(count * np.dtype(dtype).itemsize)
         self._run(primitive, weighted, [np.int64(layout.segment), *args, out], options, layout.segments, exact=True)
         return self._download(out, count, dtype)

@@ -35,6 +35,9 @@ class Layout(ABC):
         Vertices a work item treats.
     global_size, segments : tuple of int
         Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
+    group : int or None
+        Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where that
+        number must be kept.
     """
 
     options: tuple[str, ...]
@@ -42,6 +45,7 @@ class Layout(ABC):
     global_size: tuple[int, ...]
     segments: tuple[int, ...]
     segment: int
+    group: int | None = None
 
     @abstractmethod
     def size(self, channels: int) -> int:
@@ -87,7 +91,8 @@ class Layout(ABC):
 class CsrLayout(Layout):
     """A stored graph on the device."""
 
-    def __init__(self, upload: Upload, graph: Graph) -> None:
+    def __init__(self, upload: Upload, graph: Graph, group: int) -> None:
+        self.group = group
         self.n, self.n_edges = graph.n_vertices, graph.n_edges
         self.width = 1
         wide = graph.indices.dtype == np.int64
