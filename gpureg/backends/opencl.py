@@ -203,9 +203,13 @@ class OpenCLBackend(Backend):
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         topology = self._topology(graph)
         weights = host_weights(graph, weights)
-        if weights is not None:
-            weights = self.upload(topology.pack_weights(np.asarray(weights, self.dtype)))
-        return Weighted(graph, topology, weights)
+        buffer = (
+            None if weights is None else topology.kept.copy(weights, functools.partial(self._put_weights, topology))
+        )
+        return Weighted(graph, topology, buffer)
+
+    def _put_weights(self, topology: CsrLayout | GridLayout, weights: FloatArray) -> cl.Buffer:
+        return self.upload(topology.pack_weights(np.asarray(weights, self.dtype)))
 
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:

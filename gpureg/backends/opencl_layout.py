@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, Graph, GridGraph, opposite_edges
+from .base import Kept
 
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]
@@ -38,6 +39,8 @@ class Layout(ABC):
     group : int or None
         Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where that
         number must be kept.
+    kept : Kept
+        Weights that are on the device already.
     """
 
     options: tuple[str, ...]
@@ -46,6 +49,9 @@ class Layout(ABC):
     segments: tuple[int, ...]
     segment: int
     group: int | None = None
+
+    def __init__(self) -> None:
+        self.kept = Kept()
 
     @abstractmethod
     def size(self, channels: int) -> int:
@@ -92,6 +98,7 @@ class CsrLayout(Layout):
     """A stored graph on the device."""
 
     def __init__(self, upload: Upload, graph: Graph, group: int) -> None:
+        super().__init__()
         self.group = group
         self.n, self.n_edges = graph.n_vertices, graph.n_edges
         self.width = 1
@@ -143,6 +150,7 @@ class GridLayout(Layout):
     """An implicit grid on the device: the layout that ``grid.cl`` describes."""
 
     def __init__(self, upload: Upload, graph: GridGraph, lanes: int) -> None:
+        super().__init__()
         N = lanes
         # not the graph: the layouts are kept for as long as their graph lives
         self.shape, self.options = graph.shape, ("-DGRID", f"-DNDIM={graph.ndim}")
