@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .backends import Array, Backend, Conductance, Weighted
 from .bipartite import has_swinging_part
-from .graph import FloatArray, Graph, GridGraph, all_finite, unmasked
+from .graph import FloatArray, Graph, GridGraph, all_finite, check_weights, opposite_edges, unmasked
 from .weights import Weights
 
 AnyGraph = Graph | GridGraph
@@ -168,8 +168,9 @@ class Problem:
         elif isinstance(graph, GridGraph):
             given = graph.edges_to_half(weights)
         else:
-            # A Graph made with them checks shape, sign and symmetry.
-            given = Graph(graph.indptr, graph.indices, np.asarray(weights)).weights
+            given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
+            if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):
+                Graph(graph.indptr, graph.indices, given)  # says which edge has two weights
         return cls(
             graph,
             data,

@@ -9,9 +9,10 @@ below it, and a row in ``tests/test_weights.py``.
 from __future__ import annotations
 
 import math
+import weakref
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -66,7 +67,16 @@ class PatchWeights(Weights):
 
 
 class EdgeWeights(Weights):
-    """A weight function computed in numpy, an array of edges at a time."""
+    """A weight function computed in numpy, an array of edges at a time.
+
+    Attributes
+    ----------
+    reads_data : bool
+        Whether the weights depend on the data f0. Where they do not, a stored graph's are computed once: those of the
+        last such function are kept for as long as the graph lives.
+    """
+
+    reads_data: ClassVar[bool] = True
 
     @abstractmethod
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
@@ -75,8 +85,7 @@ class EdgeWeights(Weights):
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, on the backend's device."""
         if isinstance(graph, Graph):
-            values = self.between(graph, f0, graph.edge_rows(), graph.indices)
-            return backend.prepare(graph, check_weights(values, (graph.n_edges,), "one per directed edge"))
+            return backend.prepare(graph, self._of_stored(graph, f0))
         half = np.zeros((graph.half_window, *graph.shape), backend.dtype)
         vertices = np.arange(graph.n_vertices).reshape(graph.shape)
         for plane, step in zip(half, graph.forward_offsets, strict=True):
@@ -88,16 +97,52 @@ class EdgeWeights(Weights):
             half[graph.unit_half_weights() == 0] = 0
         return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
 
+    def _of_stored(self, graph: Graph, f0: FloatArray) -> FloatArray:
+        kept = None if self.reads_data else _last.get(graph)
+        if kept is not None and kept[0] == self:
+            return kept[1]
+        values = self.between(graph, f0, graph.edge_rows(), graph.indices)
+        values = check_weights(values, (graph.n_edges,), "one per directed edge")
+        if not self.reads_data:
+            values.flags.writeable = False  # so that a backend may keep its copy
+            _last[graph] = (self, values)
+        return values
 
-def _positions(graph: AnyGraph, vertices: IntArray) -> FloatArray:
-    """Coordinates of vertices, in the units of the grid's spacing or the graph's positions."""
-    if isinstance(graph, GridGraph):
-        cells = np.stack(np.unravel_index(vertices, graph.shape), axis=-1)
-        places: FloatArray = cells * np.array(graph.spacing or (1.0,) * graph.ndim)
-        return places
+
+# The last weight function of each stored graph that does not read the data, and its weights.
+_last: weakref.WeakKeyDictionary[Graph, tuple[EdgeWeights, FloatArray]] = weakref.WeakKeyDictionary()
+
+
+def _squared_distances(points: FloatArray, u: IntArray, v: IntArray, unit: float = 1.0) -> FloatArray:
+    """|points(u) - points(v)|^2 in units of `unit`, (k,)."""
+    total, steps, ends = np.zeros((3, len(u)))
+    u, v = u.astype(np.intp, copy=False), v.astype(np.intp, copy=False)
+    # A coordinate at a time, into the same arrays: to gather rows of a few numbers takes numpy four times as long.
+    for x in np.ascontiguousarray(points.T, np.float64):
+        # in range: these are vertices; "clip" spares numpy a copy of its output
+        np.take(x, v, out=steps, mode="clip")
+        np.take(x, u, out=ends, mode="clip")
+        steps -= ends
+        steps /= unit  # before the square, which would be 0 of a tiny unit
+        steps *= steps
+        total += steps
+    return total
+
+
+def _positions(graph: Graph) -> FloatArray:
+    """Coordinates of the vertices, (n, d)."""
     if graph.positions is None:
         raise ValueError("these weights need the vertices' coordinates: give the graph positions=(n, d)")
-    return graph.positions[vertices]
+    return graph.positions
+
+
+def _squared_lengths(graph: AnyGraph, u: IntArray, v: IntArray) -> FloatArray:
+    """|u - v|^2 in the units of the grid's spacing or the graph's positions, (k,)."""
+    if isinstance(graph, Graph):
+        return _squared_distances(_positions(graph), u, v)
+    cells = np.stack(np.unravel_index(u, graph.shape)) - np.stack(np.unravel_index(v, graph.shape))
+    lengths: FloatArray = ((cells.T * np.array(graph.spacing or (1.0,) * graph.ndim)) ** 2).sum(axis=-1)
+    return lengths
 
 
 def _positive(name: str, value: float, *, infinite: bool = False) -> float:
@@ -142,10 +187,11 @@ class Bilateral(PatchWeights):
         if math.isfinite(self.sigma_space):
             if isinstance(graph, GridGraph):
                 steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
+                # divided first: the square of a tiny sigma would be 0
+                squares = ((steps / self.sigma_space) ** 2).sum(axis=1)
             else:
-                steps = _positions(graph, graph.indices) - _positions(graph, graph.edge_rows())
-            # divided first: the square of a tiny sigma would be 0
-            spatial = np.exp(-((steps / self.sigma_space) ** 2).sum(axis=1))
+                squares = _squared_distances(_positions(graph), graph.edge_rows(), graph.indices, self.sigma_space)
+            spatial = np.exp(-squares)
         return PatchForm(np.ones(1), 0.0, _inverse_square(self.sigma_value, dtype), spatial)
 
 
@@ -178,11 +224,12 @@ class Patch(PatchWeights):
 class InverseDistance(EdgeWeights):
     """See :func:`inverse_distance`."""
 
+    reads_data = False
     power: float
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
         """Weights |u - v|^-power."""
-        distance = np.sqrt(((_positions(graph, v) - _positions(graph, u)) ** 2).sum(axis=-1))
+        distance = np.sqrt(_squared_lengths(graph, u, v))
         if distance.size and not distance.min() > 0:
             k = int(np.argmin(distance))
             raise ValueError(f"vertices {u[k]} and {v[k]} lie on the same point: 1/distance has no value there")
@@ -198,6 +245,7 @@ class InverseDistance(EdgeWeights):
 class Gaussian(EdgeWeights):
     """See :func:`gaussian`."""
 
+    reads_data = False
     features: FloatArray
     sigma: float
 
@@ -212,8 +260,7 @@ class Gaussian(EdgeWeights):
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
         """Weights exp(-|features(u) - features(v)|^2 / sigma^2)."""
-        self._of(graph)
-        weights: FloatArray = np.exp(-((self.features[v] - self.features[u]) ** 2).sum(axis=-1) / self.sigma**2)
+        weights: FloatArray = np.exp(-_squared_distances(self._of(graph), u, v) / self.sigma**2)
         return weights
 
 

@@ -8,7 +8,9 @@ primitives are in ``kernels/README.md``.
 from __future__ import annotations
 
 import math
+import weakref
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -177,6 +179,28 @@ def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[
     return jumps
 
 
+class Kept:
+    """Device copies of host arrays that nobody can write to, for as long as these live: uploaded once.
+
+    A graph's own weights are such an array.
+    """
+
+    def __init__(self) -> None:
+        self._copies: dict[int, tuple[weakref.ref[FloatArray], Any]] = {}
+
+    def copy(self, array: FloatArray, make: Callable[[FloatArray], Any]) -> Any:
+        """What `make` gave for this very array, or gives now."""
+        if array.flags.writeable or array.base is not None:  # a view's owner may still be written to
+            return make(array)
+        found = self._copies.get(id(array))
+        if found is not None and found[0]() is array:
+            return found[1]
+        made = make(array)
+        self._copies = {key: kept for key, kept in self._copies.items() if kept[0]() is not None}
+        self._copies[id(array)] = (weakref.ref(array), made)
+        return made
+
+
 class Backend(ABC):
     """One device computing in one floating-point type.
 
@@ -220,8 +244,9 @@ class Backend(ABC):
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         """The graph onto the device, with weights from the host.
 
-        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means 1 on every edge
-        inside the graph's mask.
+        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means the graph's own,
+        and 1 on every edge inside its mask where it has none. A device keeps its copy of a read-only array, such as the
+        graph's own weights, and takes it again.
         """
 
     @abstractmethod

@@ -41,6 +41,9 @@ from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
 
 GPU_TIER, CPU_TIER = 1, 2
 
+# Work items of a group.
+_GPU_GROUP, _CSR_CPU_GROUP = 64, 128
+
 
 def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
     match = re.search(r"PoCL (\d+)\.(\d+)", device.platform.version)
@@ -137,6 +140,8 @@ class OpenCLBackend(Backend):
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
+        group = _GPU_GROUP if device.kind == "gpu" else _CSR_CPU_GROUP
+        self._csr_group = min(group, device.handle.max_work_group_size)
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._kept: cl.Buffer = None
         if device.kind == "cpu":
@@ -201,7 +206,7 @@ class OpenCLBackend(Backend):
             found = (
                 GridLayout(self.upload, graph, self.lanes, self.dtype.itemsize)
                 if isinstance(graph, GridGraph)
-                else CsrLayout(self.upload, graph)
+                else CsrLayout(self.upload, graph, self._csr_group)
             )
             self._topologies[graph] = found
         return found
@@ -220,9 +225,13 @@ class OpenCLBackend(Backend):
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         topology = self._topology(graph)
         weights = host_weights(graph, weights)
-        if weights is not None:
-            weights = self.upload(topology.pack_weights(np.asarray(weights, self.dtype)))
-        return Weighted(graph, topology, weights)
+        buffer = (
+            None if weights is None else topology.kept.copy(weights, functools.partial(self._put_weights, topology))
+        )
+        return Weighted(graph, topology, buffer)
+
+    def _put_weights(self, topology: CsrLayout | GridLayout, weights: FloatArray) -> cl.Buffer:
+        return self.upload(topology.pack_weights(np.asarray(weights, self.dtype)))
 
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:
@@ -256,7 +265,11 @@ class OpenCLBackend(Backend):
         found = self._topologies.get(graph)
         if found is not None:
             return found
-        return GridLayout(nothing, graph, self.lanes) if isinstance(graph, GridGraph) else CsrLayout(nothing, graph)
+        return (
+            GridLayout(nothing, graph, self.lanes)
+            if isinstance(graph, GridGraph)
+            else CsrLayout(nothing, graph, self._csr_group)
+        )
 
     @property
     def largest_buffer(self) -> int:
@@ -302,15 +315,15 @@ class OpenCLBackend(Backend):
     # Kernels
 
     def _kernel(self, primitive: str, options: tuple[str, ...], args: list[Any]) -> cl.Kernel:
-        """The kernel built with these options, for arguments of the types of `args`."""
+        """The kernel with these build options, which takes arguments such as these."""
         key = (primitive, self._options + options)
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
             program = cl.Program(self._shared.context, source).build(options=list(key[1]))
             found = self._shared.kernels[key] = cl.Kernel(program, primitive)
-            # pyopencl, not told, tries what each number might be: 0.15 ms a launch instead of 0.02
-            found.set_arg_types([x.dtype if isinstance(x, np.generic) else None for x in args])
+            # Not told their types, pyopencl tries what each scalar might be: 0.15 ms a launch instead of 0.02.
+            found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
         return found
 
     def _run(
@@ -326,22 +339,23 @@ class OpenCLBackend(Backend):
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
-        A kernel that numbers its work items by their count (a sum) asks for an `exact` size; others may get more on a
-        GPU, where the driver, left to choose, would take groups of 1 for a prime size.
+        Work groups have a size of ours where a driver, left to choose, would take groups of 1 for a prime number of
+        work items: on a GPU, and on a stored graph. A kernel that numbers its work items by their count (a sum on a
+        grid) asks for an `exact` size, which is then left to the driver.
         """
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
         if weighted.weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
         size = size or layout.global_size
-        if self.device.kind == "gpu" and not exact:
-            local = (min(64, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
+        group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
+        if group is not None:
+            local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
         weights = self._nothing if weighted.weights is None else weighted.weights
-        graph_args = layout.args(weights, weighted.directed or primitive == "adjoint")
+        args = [*layout.args(weights, weighted.directed or primitive == "adjoint"), *args]
         with self._shared.lock:
-            kernel = self._kernel(primitive, options, [*graph_args, *args])
-            kernel(self._shared.queue, size, local, *graph_args, *args)
+            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
         """A number, or one value per vertex, as the two arguments that stand for it."""
@@ -588,10 +602,10 @@ class OpenCLBackend(Backend):
     ) -> Any:
         """One number per segment of the graph."""
         layout = weighted.topology
-        count = math.prod(layout.segments)
+        count = round_up(math.prod(layout.segments), layout.group or 1)
         out = self._allocate(count * np.dtype(dtype).itemsize)
         # A few segments to a group: PoCL, left to choose, makes a row of them one group, which keeps one core busy.
-        local = layout.group if self.device.kind == "cpu" else None
+        local = layout.sum_group if self.device.kind == "cpu" else None
         args = [np.int64(layout.segment), *args, out]
         self._run(primitive, weighted, args, options, layout.segments, exact=True, local=local)
         return self._download(out, count, dtype)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, Graph, GridGraph, IntArray, opposite_edges
+from .base import Kept
 
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]
@@ -65,8 +66,13 @@ class Layout(ABC):
         Vertices a work item treats.
     global_size, segments : tuple of int
         Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
-    group : tuple of int or None
-        Work items of a sum that go together on a CPU, None where the driver chooses.
+    group : int or None
+        Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where that
+        number must be kept.
+    sum_group : tuple of int or None
+        Work items of a sum that go together on a CPU, where their number is kept; None where the driver chooses.
+    kept : Kept
+        Weights that are on the device already.
     """
 
     options: tuple[str, ...]
@@ -74,7 +80,11 @@ class Layout(ABC):
     global_size: tuple[int, ...]
     segments: tuple[int, ...]
     segment: int
-    group: tuple[int, ...] | None = None
+    group: int | None = None
+    sum_group: tuple[int, ...] | None = None
+
+    def __init__(self) -> None:
+        self.kept = Kept()
 
     @abstractmethod
     def size(self, channels: int) -> int:
@@ -120,7 +130,9 @@ class Layout(ABC):
 class CsrLayout(Layout):
     """A stored graph on the device."""
 
-    def __init__(self, upload: Upload, graph: Graph) -> None:
+    def __init__(self, upload: Upload, graph: Graph, group: int) -> None:
+        super().__init__()
+        self.group = group
         self.n, self.n_edges = graph.n_vertices, graph.n_edges
         self.width = 1
         wide = graph.indices.dtype == np.int64
@@ -186,6 +198,7 @@ class GridLayout(Layout):
     """An implicit grid on the device: the layout that ``grid.cl`` describes."""
 
     def __init__(self, upload: Upload, graph: GridGraph, lanes: int, itemsize: int = 4) -> None:
+        super().__init__()
         self.N = N = lanes
         # not the graph: the layouts are kept for as long as their graph lives
         self.shape, self.options = graph.shape, ("-DGRID", f"-DNDIM={graph.ndim}")
@@ -219,7 +232,7 @@ class GridLayout(Layout):
         per_row = min(packs, max(1, -(-SEGMENTS // self.rows)))
         self.segment = -(-packs // per_row)
         self.segments = (-(-packs // self.segment), self.rows)
-        self.group = (1, next(size for size in (8, 4, 2, 1) if self.rows % size == 0))
+        self.sum_group = (1, next(size for size in (8, 4, 2, 1) if self.rows % size == 0))
         self.global_size = (packs, self.rows)
 
     def spread(self, cells: int) -> int:

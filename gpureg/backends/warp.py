@@ -56,6 +56,7 @@ from .base import (
     Conductance,
     Device,
     EdgeNorm,
+    Kept,
     PatchForm,
     Weighted,
     host_weights,
@@ -239,6 +240,7 @@ class _Csr:
         self._upload, self._topology = backend.upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
         self._cuts: dict[int, list[int]] = {}
+        self.kept = Kept()
 
     @property
     def work(self) -> int:
@@ -304,6 +306,7 @@ class _Grid:
         steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
         self.offsets = backend.upload(steps.astype(np.int32), place)
         self._sizes = sizes(*graph.shape[:leading]) if leading else sizes(0)
+        self.kept = Kept()
 
     @property
     def work(self) -> int:
@@ -415,7 +418,8 @@ class WarpBackend(Backend):
         weights = host_weights(graph, weights)
         if weights is None:
             return self._bind(graph, None)
-        return self._bind(graph, self._upload_reals(self._layout(graph).pack_weights(weights)))
+        layout = self._layout(graph)
+        return self._bind(graph, layout.kept.copy(weights, lambda host: self._upload_reals(layout.pack_weights(host))))
 
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:
