@@ -98,9 +98,15 @@ class Job:
         arrays = [*fidelity, backend.topology_bytes(graph)]
         # the data, the last two iterates, and the conductances
         arrays += [function] * 3 + ([backend.function_bytes(graph, self.norms)] if self.norms else [])
-        if self.directed or not _is_unit(graph, self.weights):
-            arrays.append(backend.edge_bytes(graph, directed=self.directed))
-        if found is not None:
+        storage = "full" if found is None or found[0].storage not in backend.storages else found[0].storage
+        if storage == "none":
+            assert isinstance(graph, GridGraph)
+            # what they are computed from, the mask with it
+            arrays.append(backend.function_bytes(graph, (guide or self.channels) + (graph.mask is not None)))
+        elif self.directed or not _is_unit(graph, self.weights):
+            stored = backend.edge_bytes(graph, directed=self.directed)
+            arrays.append(stored // (backend.dtype.itemsize // 2) if storage == "half" else stored)
+        if found is not None and storage != "none":
             arrays += backend.patch_bytes(graph, guide or self.channels, found[0].reach)
         arrays.append(backend.sweep_bytes(graph, self.channels))
         return Need.of(arrays)

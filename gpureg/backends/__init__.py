@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .base import Array, Backend, BackendUnavailable, Conductance, Device, EdgeNorm, PatchForm, Weighted
+from .base import Array, Backend, BackendUnavailable, Conductance, Device, EdgeNorm, PatchForm, Storage, Weighted
 
 __all__ = [
     "Array",
@@ -25,6 +25,7 @@ __all__ = [
     "Device",
     "EdgeNorm",
     "PatchForm",
+    "Storage",
     "Weighted",
     "absent",
     "auto",

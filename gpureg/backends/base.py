@@ -12,7 +12,7 @@ import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -122,6 +122,8 @@ class EdgeNorm:
         return (self.p - 2) / 2
 
 
+Storage = Literal["full", "half", "none"]
+
 Conductance = Array | EdgeNorm | None
 """g = |grad f|^(p - 2) on the vertices, or the edge norm, or None: p = 2."""
 
@@ -139,12 +141,15 @@ class Weighted:
         The weights, in the device's own layout; None means 1 on every edge.
     directed : bool
         Whether `weights` holds gamma(u, v), one value per directed edge, instead of w.
+    storage : {"full", "half", "none"}
+        In which form `weights` holds w, see :meth:`Backend.patch_distance`.
     """
 
     graph: AnyGraph
     topology: Any
     weights: Any
     directed: bool = False
+    storage: Storage = "full"
 
 
 def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[FloatArray, IntArray]:
@@ -212,6 +217,9 @@ class Backend(ABC):
     """
 
     name: ClassVar[str]
+
+    # The forms in which weights are stored, "full" where another is asked for and given.
+    storages: ClassVar[tuple[Storage, ...]] = ("full",)
 
     # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
     # `similarity_step`; all else treats a vertex alike wherever it lies.
@@ -290,7 +298,7 @@ class Backend(ABC):
 
     @abstractmethod
     def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
-        """Weights; with `directed` gamma(u, v), one value per directed edge."""
+        """Weights in full; with `directed` gamma(u, v), one value per directed edge."""
 
     @abstractmethod
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
@@ -308,8 +316,17 @@ class Backend(ABC):
     # Primitives: kernels/README.md is their contract
 
     @abstractmethod
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
-        """The graph with weights computed from patches of `f`, a host function (n, m)."""
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+        """The graph with weights computed from patches of `f`, a host function (n, m).
+
+        On a grid weights may be stored in float16 ("half"), off by at most 2^-11 of their size, or by 2^-25 where they
+        are below 2^-14. Those of patches of one cell may not be stored at all ("none"), but computed at each use.
+
+        Raises
+        ------
+        BackendUnavailable
+            A storage that this backend, or this kind of graph, does not have.
+        """
 
     @abstractmethod
     def degree(self, weighted: Weighted) -> Array:
@@ -449,6 +466,16 @@ class Backend(ABC):
 
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""
+
+
+def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
+    """BackendUnavailable unless weights of this form can be stored so on this kind of graph."""
+    if storage == "full":
+        return
+    if not isinstance(graph, GridGraph) or form.scale is None:
+        raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
+    if storage == "none" and form.radius:
+        raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
 
 
 def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:

@@ -25,7 +25,9 @@ from .base import (
     Device,
     EdgeNorm,
     PatchForm,
+    Storage,
     Weighted,
+    expect_storage,
     host_weights,
     padded_for_patches,
     padded_shape,
@@ -242,7 +244,15 @@ class NumpyBackend(Backend):
             yield slice(begin, end), slice(int(indptr[begin]), int(indptr[end]))
             begin = end
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+        expect_storage(graph, form, storage)
+        weighted = self._patch_distance(graph, f, form)
+        if storage == "half":
+            # held as wide as all else: the oracle of what float16 leaves of them
+            return Weighted(graph, None, weighted.weights.astype(np.float16).astype(self.dtype), storage=storage)
+        return weighted
+
+    def _patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
         padded, sites = padded_for_patches(graph, f.astype(self.dtype), form.radius)
         profile = form.profile.astype(self.dtype)
         if isinstance(graph, GridGraph):

@@ -30,7 +30,9 @@ from .base import (
     Device,
     EdgeNorm,
     PatchForm,
+    Storage,
     Weighted,
+    expect_storage,
     host_weights,
     padded_for_patches,
     padded_shape,
@@ -123,10 +125,28 @@ class _Function:
     channels: int
 
 
+@dataclass(frozen=True, eq=False)
+class _Recomputed:
+    """What weights that are not stored are computed from: a function of `channels`, with the mask as one more."""
+
+    compared: cl.Buffer
+    nearness: cl.Buffer  # (H,): spatial factors
+    channels: int
+    scale: float
+    masked: bool
+    form: PatchForm
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Build options of the kernels that compute them."""
+        return ("-DRECOMPUTED", f"-DQ={self.channels}", *(("-DMASKED_WEIGHTS",) if self.masked else ()))
+
+
 class OpenCLBackend(Backend):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
+    storages = ("full", "half", "none")
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
         super().__init__(device, dtype)
@@ -177,12 +197,12 @@ class OpenCLBackend(Backend):
         cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
         return buffer
 
-    def _between_zeros(self, size: int, guard: int) -> cl.Buffer:
+    def _between_zeros(self, size: int, guard: int, itemsize: int) -> cl.Buffer:
         """A buffer of which only so many numbers at either end are 0: for what a kernel fills wholly."""
-        buffer = self._allocate(size * self.dtype.itemsize)
-        nbytes, edge = max(size, 1) * self.dtype.itemsize, guard * self.dtype.itemsize
+        buffer = self._allocate(size * itemsize)
+        nbytes, edge = max(size, 1) * itemsize, guard * itemsize
         for begin in (0, nbytes - edge) if edge else ():
-            cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), begin, edge)
+            cl.enqueue_fill_buffer(self._shared.queue, buffer, np.uint8(0), begin, edge)
         return buffer
 
     def _scratch(self, size: int) -> cl.Buffer:
@@ -236,9 +256,14 @@ class OpenCLBackend(Backend):
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:
             return None
+        if isinstance(weighted.weights, _Recomputed):
+            of = weighted.weights
+            f = self.get(weighted.graph, _Function(of.compared, of.channels + of.masked))[:, : of.channels]
+            return self.get_weights(self.patch_distance(weighted.graph, f, of.form))
         topology = weighted.topology
-        size = topology.weight_size()
-        return topology.unpack_weights(self._download(weighted.weights, size, self.dtype))
+        kind = np.float16 if weighted.storage == "half" else self.dtype
+        flat = self._download(weighted.weights, topology.weight_size(), kind)
+        return topology.unpack_weights(flat.astype(self.dtype, copy=False))
 
     def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
         return Weighted(graph, self._topology(graph), self.put_edges(graph, gamma).buffer, directed=True)
@@ -345,15 +370,23 @@ class OpenCLBackend(Backend):
         """
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
-        if weighted.weights is not None:
+        weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
+        if isinstance(weights, _Recomputed):
+            options += weights.options
+            extra = [weights.nearness, self.real(weights.form.shift), self.real(weights.scale)]
+            weights = weights.compared
+        elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
+            options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
         size = size or layout.global_size
         group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
         if group is not None:
             local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
-        weights = self._nothing if weighted.weights is None else weighted.weights
-        args = [*layout.args(weights, weighted.directed or primitive == "adjoint"), *args]
+        graph_args = layout.args(
+            self._nothing if weights is None else weights, weighted.directed or primitive == "adjoint"
+        )
+        args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
         with self._shared.lock:
             self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
@@ -375,6 +408,14 @@ class OpenCLBackend(Backend):
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
 
+    def _recomputed(self, graph: GridGraph, f: FloatArray, form: PatchForm, half: FloatArray) -> _Recomputed:
+        channels, masked = f.shape[1], graph.mask is not None
+        if graph.mask is not None:
+            f = np.concatenate([f, graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+        scale = exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))
+        nearness = self.upload(half.astype(self.dtype))
+        return _Recomputed(self.put(graph, f).buffer, nearness, channels, scale, masked, form)
+
     def _launch_strips(
         self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
     ) -> None:
@@ -389,22 +430,27 @@ class OpenCLBackend(Backend):
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+        expect_storage(graph, form, storage)
         topology, f = self._topology(graph), np.asarray(f, self.dtype)
         similarity = () if form.scale is None else ("-DSIMILARITY",)
         if isinstance(topology, GridLayout):
             assert isinstance(graph, GridGraph)
-            weights = self._between_zeros(topology.weight_size(), topology.weight_guard)
+            half = np.ones(topology.H) if form.spatial is None else form.spatial
+            if storage == "none":
+                return Weighted(graph, topology, self._recomputed(graph, f, form, half), storage=storage)
+            itemsize = 2 if storage == "half" else self.dtype.itemsize
+            weights = self._between_zeros(topology.weight_size(), topology.weight_guard, itemsize)
             if topology.H:
                 strips = self._strips(graph, form, 1)
                 planes = self.upload(strips.planes(f))
-                half = np.ones(topology.H) if form.spatial is None else form.spatial
                 steps = graph.forward_offsets.astype(np.int32)
                 args = strips.args(self.upload, planes, steps, half, self.real)
                 args += [np.int64(topology.weight_pitch), np.int64(topology.weight_guard), weights]
                 options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
+                options += ("-DHALF_WEIGHTS",) if storage == "half" else ()
                 self._launch_strips("patch_distance", options, args, strips.size, strips)
-            return Weighted(graph, topology, weights)
+            return Weighted(graph, topology, weights, storage=storage)
         weights = self._allocate(topology.weight_size() * self.dtype.itemsize)
         padded, sites = padded_for_patches(graph, f, form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
@@ -557,7 +603,9 @@ class OpenCLBackend(Backend):
                 weighted, f, f0, lam, p=p, eps=eps, coupled=coupled, theta=theta, edge_norm=edge_norm, g=g, out=out
             )
         G = 1 if coupled else f.channels
-        blocks = layout.blocks(f.channels, G, weighted.weights is not None, self.device.handle.max_compute_units)
+        stored = weighted.weights is not None and weighted.storage != "none"
+        cores = self.device.handle.max_compute_units
+        blocks = layout.blocks(f.channels, G, stored, cores, wide=layout.wide and weighted.storage != "none")
         lams, lam_options = self._lam(lam)
         args = [
             f.buffer,

@@ -243,13 +243,14 @@ class GridLayout(Layout):
         packs, line = round_up(cells, self.N), CACHE_LINE // self.itemsize
         return packs + line if packs % (2 * line) == 0 else packs
 
-    def blocks(self, channels: int, norms: int, weighted: bool, cores: int) -> Blocks:
-        """Blocks for a fused sweep on so many cores."""
+    def blocks(self, channels: int, norms: int, weighted: bool, cores: int, *, wide: bool | None = None) -> Blocks:
+        """Blocks for a fused sweep on so many cores; `wide` as ``sweep.cl`` has it, None where the window decides."""
+        wide = self.wide if wide is None else wide
         margin = round_up(self.reach, self.N)
-        slots, row = (self.jump + 1, 3 * norms + channels) if self.wide else (2 * self.jump + 1, norms)
+        slots, row = (self.jump + 1, 3 * norms + channels) if wide else (2 * self.jump + 1, norms)
         # what a core has in use at a time, in bytes per column: its rows of the ring, f and the weights
         column = self.itemsize * (2 * self.jump + 1) * (norms + channels + (self.H if weighted else 0))
-        stretch = WIDE_STRETCH if self.wide else round_up(max(WORKING_SET // column, 16 * margin), self.N)
+        stretch = WIDE_STRETCH if wide else round_up(max(WORKING_SET // column, 16 * margin), self.N)
         across = -(-self.W // stretch)
         most = max(1, self.rows // (HALO * max(1, self.jump)))
         bands = min(self.rows, max(-(-cores // across), min(most, -(-8 * cores // across))))

@@ -53,11 +53,13 @@ from .base import (
     AnyGraph,
     Array,
     Backend,
+    BackendUnavailable,
     Conductance,
     Device,
     EdgeNorm,
     Kept,
     PatchForm,
+    Storage,
     Weighted,
     host_weights,
     padded_for_patches,
@@ -635,7 +637,9 @@ class WarpBackend(Backend):
         work = graph.n_vertices * (1 + len(offsets)) * len(form.profile) * M // _PACK_SPEED
         self._launch(dim, make, (self.real, ndim, M, r, *options, N, S), [patches, *inputs], out, work=work)
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+        if storage != "full":
+            raise BackendUnavailable("Warp stores weights in full: weights in float16, or recomputed, need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
             weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)

@@ -25,6 +25,12 @@
 #define NDIM 2
 #endif
 
+#ifdef HALF_WEIGHTS
+typedef ushort weight_t;
+#else
+typedef real weight_t;
+#endif
+
 #define GRAPH_ARGS                                                                                                   \
     const int width,                     /* cells in a row */                                                        \
     const int n_rows,                                                                                                \
@@ -40,11 +46,30 @@
     __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */ \
     const long weight_pitch,                                                                                         \
     const long weight_guard,                                                                                         \
-    __global const real *weights         /* w with WEIGHTED, gamma with GAMMA */
+    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED what they compare */    \
+    __global const real *nearness,       /* (H,): spatial factors of the weights; read with RECOMPUTED */            \
+    const real weight_shift,             /* these two likewise */                                                    \
+    const real weight_scale
+
+/* With HALF_WEIGHTS weights are stored in float16: off by at most 2^-11 of their size, or 2^-25 below 2^-14. They are not
+ * negative, so that their bits, moved to the place they have in a float32, are the number times 2^-112, exactly. */
+#ifdef HALF_WEIGHTS
+#define HALF_UNIT 5.192296858534828e33f /* 2^112 */
+#if N == 1
+#define LOAD_WEIGHT(p, i) ((real)(as_float((uint)(p)[i] << 13) * HALF_UNIT))
+#else
+typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
+#define LOAD_WEIGHT(p, i) CONCATENATE(CONCATENATE(convert_, REAL_), N)(                                              \
+    CONCATENATE(as_float, N)(CONCATENATE(convert_uint, N)(*(__global const ushortN_anywhere *)((p) + (i))) << 13) * HALF_UNIT)
+#endif
+#else
+#define LOAD_WEIGHT(p, i) LOAD(p, i)
+#endif
 
 /* The same as arguments of a call. */
 #define GRAPH                                                                                                        \
-    width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch, weight_guard, weights
+    width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch, weight_guard, weights, \
+    nearness, weight_shift, weight_scale
 
 /* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
 #if NDIM == 1
@@ -90,6 +115,31 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
     for (int k = 0; k < 2 * H; ++k)                                                                                  \
         for (int c = 0; c < (channels); ++c) STORE(p, EDGE_AT(c, channels), (realN)(0));
 
+#ifdef RECOMPUTED
+#ifndef Q
+#define Q 1
+#endif
+/* The weight s exp2(scale max(|F(u) - F(v)|^2 - shift, 0)) of the Q channels F that `compared` holds as a function; with
+ * MASKED_WEIGHTS one more says which cells are in the mask. An exponential for each end of an edge at each use: slower
+ * than to load the weight through a wide window, but nothing is stored per edge. */
+static inline realN recomputed(
+    __global const real *compared, const long plane, const long u, const long v, const real near, const real shift,
+    const real scale)
+{
+    realN rho = 0;
+    for (int c = 0; c < Q; ++c) {
+        const realN d = LOAD(compared, u + c * plane) - LOAD(compared, v + c * plane);
+        rho += d * d;
+    }
+    const realN w = near * exp2_scaled(fmax(rho - shift, (realN)(0)), scale);
+#ifdef MASKED_WEIGHTS
+    return WHERE(LOAD(compared, u + Q * plane) > 0 && LOAD(compared, v + Q * plane) > 0, w);
+#else
+    return w;
+#endif
+}
+#endif
+
 /* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. Without
  * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they compute is dropped. */
 #ifdef GAMMA
@@ -101,7 +151,13 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
     const long place =                                                                                               \
         weight_guard + (forward ? ((long)row * HALF + (k - HALF)) * weight_pitch                                     \
                                 : ((long)(row + row_jump) * HALF + (HALF - 1 - k)) * weight_pitch + step);
-#define EDGE_FACTORS const realN w = LOAD(weights, place + x);
+#define EDGE_FACTORS const realN w = LOAD_WEIGHT(weights, place + x);
+#elif defined(RECOMPUTED)
+#define EDGE_PLACE                                                                                                   \
+    const real near = nearness[k >= HALF ? k - HALF : HALF - 1 - k];
+#define EDGE_FACTORS                                                                                                 \
+    realN w = recomputed(weights, plane, u, v, near, weight_shift, weight_scale);                                    \
+    if (!inner_columns) w = WHERE(x + LANES + step >= 0 && x + LANES + step < width, w);
 #else
 #define EDGE_PLACE
 #define EDGE_FACTORS                                                                                                 \

@@ -29,12 +29,36 @@
 #define WEIGHT(rho, spatial) (rho)
 #endif
 
+/* In float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
+#ifdef HALF_WEIGHTS
+typedef ushort weight_t;
+#if N == 1
+#define AS_BITS(x) as_uint((float)(x))
+#define STORE_WEIGHT(p, i, b) ((p)[i] = (ushort)(b))
+typedef uint uintN;
+#else
+typedef CONCATENATE(uint, N) uintN;
+typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
+#define AS_BITS(x) CONCATENATE(as_uint, N)(CONCATENATE(convert_float, N)(x))
+#define STORE_WEIGHT(p, i, b) (*(__global ushortN_anywhere *)((p) + (i)) = CONCATENATE(convert_ushort, N)(b))
+#endif
+static inline uintN rounded(const realN w)
+{
+    const uintN bits = AS_BITS(w * (real)1.925929944387236e-34f); /* 2^-112 */
+    return (bits + 0xfff + ((bits >> 13) & 1)) >> 13;
+}
+#define PUT_WEIGHT(p, i, w) STORE_WEIGHT(p, i, rounded(w))
+#else
+typedef real weight_t;
+#define PUT_WEIGHT(p, i, w) STORE(p, i, w)
+#endif
+
 ALONE __kernel void patch_distance(
     STRIP_ARGS,
     const long weight_pitch,           /* of the weights, which lie as grid.cl says */
     const long weight_guard,
     /* output */
-    __global real *out)                /* weights */
+    __global weight_t *out)            /* weights */
 {
     STRIP_PLACE
     if (x0 >= width_) return;
@@ -43,7 +67,7 @@ ALONE __kernel void patch_distance(
         STRIP_OFFSET(k)
         if (from < until) SUM_DOWN;
         for (int y = 0; y < rows; ++y) {
-            __global real *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
+            __global weight_t *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
             const bool has = from <= y && y < until;
             if (has) sum_along(down + y * WIDE, profile, rho);
             int p = 0;
@@ -51,10 +75,10 @@ ALONE __kernel void patch_distance(
                 const long u = centre0 + y * padded_pitch + p * N;
                 realN w = 0;
                 if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], spatial[k]), u, u + ahead, x0 + p * N);
-                STORE(to, p * N, w);
+                PUT_WEIGHT(to, p * N, w);
             }
             if (x0 + p * N < width_) continue;
-            for (; x0 + p * N < weight_pitch; ++p) STORE(to, p * N, (realN)(0)); /* the zeros behind a row */
+            for (; x0 + p * N < weight_pitch; ++p) PUT_WEIGHT(to, p * N, (realN)(0)); /* the zeros behind a row */
         }
     }
 }

@@ -27,7 +27,7 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-#if !defined(WINDOW) && NDIM <= 2
+#if !defined(WINDOW) && NDIM <= 2 && !defined(RECOMPUTED)
 #define WIDE
 #define RING_ROW (3 * G + M) /* g, |grad f|^2 so far; of the update, sums of conductances and of neighbours so far */
 #else
@@ -144,7 +144,7 @@ INLINE void update_pack(
 
 /* Weights of a run for the packs q, and their lanes that have a neighbour. */
 #ifdef WEIGHTED
-#define RUN_WEIGHT const realN w = LOAD(w0, x + q * N + j * stride);
+#define RUN_WEIGHT const realN w = LOAD_WEIGHT(w0, x + q * N + j * stride);
 #define EDGE_WEIGHT RUN_WEIGHT
 #define IN_BLOCKS(x) true
 #else
@@ -172,7 +172,7 @@ INLINE void update_pack(
     EACH_PACK for (int c = 0; c < G; ++c) STORE(sums, c * ring_pitch + x + q * N, sum[q][c]);
 
 INLINE void gradient_run(
-    __global const real *here, __global const real *there, const long plane, __global const real *w0, const long stride,
+    __global const real *here, __global const real *there, const long plane, __global const weight_t *w0, const long stride,
     const int step, const int count, const int from, const int to, const int reach, const int width,
     __global real *sums, const long ring_pitch)
 {
@@ -217,7 +217,7 @@ INLINE void gradient_run(
 
 INLINE void update_run(
     __global const real *g_here, __global const real *g_there, __global const real *there, const long plane,
-    __global const real *w0, const long stride, const int step, const int count, const int from, const int to,
+    __global const weight_t *w0, const long stride, const int step, const int count, const int from, const int to,
     const int reach, const int width, __global real *sums, const long ring_pitch, const long coming)
 {
     for (int x = from; x < to;) {
@@ -272,8 +272,8 @@ __kernel void sweep(
         const int ahead = (row) + row_jumps[first];                                                                  \
         if (ahead >= n_rows) continue;                                                                               \
         const int back = 1 - step - count;                                                                           \
-        __global const real *near_weights = weights + weight_guard + ((long)(row) * H + (first - H)) * weight_pitch; \
-        __global const real *far_weights = near_weights + (count - 1) * weight_pitch + back;
+        __global const weight_t *near_weights = weights + weight_guard + ((long)(row) * H + (first - H)) * weight_pitch; \
+        __global const weight_t *far_weights = near_weights + (count - 1) * weight_pitch + back;
     for (int row = max(top - 2 * jump, 0); row < bottom + jump; ++row) {
         if (row < n_rows) {
             FORWARD_RUNS(row)
