@@ -136,7 +136,7 @@ def _smoothing(
         f"vertex positions of {name}, {n} vertices, {steps} iterations, p = 2, lam = 0, {kind} weights",
         entries,
         [
-            "the graph is ready, as trimesh's operator is; our weights are made in the rows with transfers",
+            "the graph is ready, as trimesh's operator is; weights that do not read the data are kept",
             "trimesh gets the operator of our graph: its own with equal weights counts a border edge one way only",
             "ours in float32, trimesh in float64, its only type; compared in float64 as well",
         ],

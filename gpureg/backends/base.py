@@ -158,16 +158,21 @@ def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[Flo
     Patches that reach over the border of the grid are filled by reflection without the edge cell.
     """
     grid = graph if isinstance(graph, GridGraph) else graph.grid
-    n, m = f.shape
     if grid is None:
         if radius:
             raise ValueError("patches of radius > 0 need vertices on a grid; this graph has none")
-        return np.ascontiguousarray(f.T), np.arange(n)
-    cells = np.moveaxis(f.reshape(*grid.shape, m), -1, 0)
-    padded = np.pad(cells, [(0, 0)] + [(radius, radius)] * grid.ndim, mode="reflect")
+        return np.ascontiguousarray(f.T), np.arange(len(f))
+    padded = reflected(grid, f, radius)
     inner = tuple(slice(radius, radius + s) for s in grid.shape)
     sites = np.arange(padded[0].size).reshape(padded[0].shape)[inner].ravel()
     return padded, sites
+
+
+def reflected(grid: GridGraph, f: FloatArray, radius: int) -> FloatArray:
+    """`f`, (n, m), padded by reflection without the edge cell, as (m, *padded shape)."""
+    cells = np.moveaxis(f.reshape(*grid.shape, f.shape[1]), -1, 0)
+    padded: FloatArray = np.pad(cells, [(0, 0)] + [(radius, radius)] * grid.ndim, mode="reflect")
+    return padded
 
 
 def padded_shape(graph: AnyGraph, radius: int) -> tuple[int, ...]:

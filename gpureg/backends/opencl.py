@@ -6,12 +6,16 @@ Functions and weights are laid out as ``opencl_layout.py`` says.
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import itertools
 import math
 import os
 import re
 import threading
 import weakref
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +46,12 @@ from .opencl_layout import CsrLayout, GridLayout, round_up
 from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
 
 GPU_TIER, CPU_TIER = 1, 2
+
+# Bytes from which numpy asks for huge pages, and of an ordinary page.
+_HUGE, _PAGE = 1 << 22, 1 << 12
+
+# Where in a page the buffers of a kernel begin: all at its start would share the sets of a cache.
+_STAGGER = itertools.cycle(range(0, 1 << 12, 5 << 7))
 
 # Work items of a group.
 _GPU_GROUP, _CSR_CPU_GROUP = 64, 128
@@ -102,6 +112,10 @@ def devices() -> list[Device]:
     return described
 
 
+class _HostBuffer(cl.Buffer):  # type: ignore[misc]
+    """A buffer in memory of the host; a class of its own, so that its end can be seen."""
+
+
 @dataclass(frozen=True)
 class _Queue:
     """What all work on one device shares: context, queue, and the kernels built so far."""
@@ -111,12 +125,24 @@ class _Queue:
     kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
     lock: threading.RLock  # a kernel object holds its arguments: one caller at a time
     process: int
+    # Host memory of buffers that are no more: what was queued may still use it, until a wait is over.
+    leaving: deque[npt.NDArray[np.uint8]]
+
+    @contextlib.contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Around a call that waits for all that was queued before it."""
+        gone = []
+        with contextlib.suppress(IndexError):
+            while True:
+                gone.append(self.leaving.popleft())
+        yield
+        del gone
 
 
 @functools.cache
 def _queue(device: cl.Device) -> _Queue:
     context = cl.Context([device])
-    return _Queue(context, cl.CommandQueue(context), {}, threading.RLock(), os.getpid())
+    return _Queue(context, cl.CommandQueue(context), {}, threading.RLock(), os.getpid(), deque())
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +208,15 @@ class OpenCLBackend(Backend):
                 f"the job needs one buffer of {nbytes / 2**30:.2f} GiB, {self.device.id} gives {limit / 2**30:.2f} GiB "
                 "at most: use a smaller window, or another backend"
             )
+        if self.device.kind == "cpu" and nbytes >= _HUGE:
+            # A CPU's memory is ours: numpy asks the system for huge pages, a driver does not, and to touch 150 MB of
+            # small ones for the first time takes three times as long as to compute weights into them.
+            host = np.empty(nbytes + 2 * _PAGE, np.uint8)
+            begin = -host.ctypes.data % _PAGE + next(_STAGGER)
+            flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+            buffer = _HostBuffer(self._shared.context, flags, hostbuf=host[begin : begin + nbytes])
+            weakref.finalize(buffer, self._shared.leaving.append, host)
+            return buffer
         return cl.Buffer(self._shared.context, cl.mem_flags.READ_WRITE, max(nbytes, self.dtype.itemsize))
 
     def upload(self, host: npt.NDArray[Any]) -> cl.Buffer:
@@ -189,7 +224,8 @@ class OpenCLBackend(Backend):
         host = np.ascontiguousarray(host)
         buffer = self._allocate(host.nbytes)
         if host.nbytes:
-            cl.enqueue_copy(self._shared.queue, buffer, host, is_blocking=True)
+            with self._shared.waiting():
+                cl.enqueue_copy(self._shared.queue, buffer, host, is_blocking=True)
         return buffer
 
     def _zeros(self, size: int) -> cl.Buffer:
@@ -217,7 +253,8 @@ class OpenCLBackend(Backend):
     def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         host = np.empty(size, dtype)
         if size:
-            cl.enqueue_copy(self._shared.queue, host, buffer, is_blocking=True)
+            with self._shared.waiting():
+                cl.enqueue_copy(self._shared.queue, host, buffer, is_blocking=True)
         return host
 
     def _topology(self, graph: AnyGraph) -> CsrLayout | GridLayout:
@@ -682,7 +719,8 @@ class OpenCLBackend(Backend):
         return float(self._partial("max_change", bare, args, (f"-DM={a.channels}",), self.dtype).max(initial=0))
 
     def finish(self) -> None:
-        self._shared.queue.finish()
+        with self._shared.waiting():
+            self._shared.queue.finish()
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

@@ -39,15 +39,12 @@ def window_runs(offsets: IntArray) -> IntArray:
 
     No run goes from the backward half to the forward half: the vertex itself lies between them.
     """
-    starts = [
-        k
-        for k in range(len(offsets))
-        if k == 0 or (offsets[k, :-1] != offsets[k - 1, :-1]).any() or offsets[k, -1] != offsets[k - 1, -1] + 1
-    ]
-    counts = np.diff([*starts, len(offsets)])
-    return np.array([(k, offsets[k, -1], count) for k, count in zip(starts, counts, strict=True)], np.int64).reshape(
-        -1, 3
-    )
+    if not len(offsets):
+        return np.empty((0, 3), np.int64)
+    follows = (offsets[1:, :-1] == offsets[:-1, :-1]).all(axis=1) & (offsets[1:, -1] == offsets[:-1, -1] + 1)
+    starts = np.flatnonzero(np.concatenate([[True], ~follows]))
+    counts = np.diff(np.append(starts, len(offsets)))
+    return np.stack([starts, offsets[starts, -1], counts], axis=1).astype(np.int64)
 
 
 def round_up(value: int, multiple: int) -> int:

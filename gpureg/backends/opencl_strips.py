@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, GridGraph
-from .base import PatchForm, padded_for_patches
+from .base import PatchForm, reflected
 from .opencl_layout import Upload, round_up
 
 # On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
@@ -134,7 +134,7 @@ class Strips:
 
     def planes(self, f: FloatArray) -> FloatArray:
         """A host function (n, channels) as padded planes, in the type it has."""
-        padded, _ = padded_for_patches(self.graph, f, self.form.radius)
+        padded = reflected(self.graph, f, self.form.radius)
         planes = np.zeros((*padded.shape[:-1], self.pitch), f.dtype)
         planes[..., self.left : self.left + padded.shape[-1]] = padded
         return planes

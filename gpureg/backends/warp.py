@@ -64,6 +64,7 @@ from .base import (
     host_weights,
     padded_for_patches,
     padded_shape,
+    reflected,
 )
 
 CUDA_TIER, CPU_TIER = 0, 3
@@ -612,7 +613,7 @@ class WarpBackend(Backend):
         if backward:
             offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
         # Rows in planes, with zeros as far as the window and a pack may reach.
-        padded, _ = padded_for_patches(graph, np.asarray(f, self.dtype), r)
+        padded = reflected(graph, np.asarray(f, self.dtype), r)
         left, right = self._guards(offsets, r)
         inside = np.zeros((1, *padded.shape[1:]), self.dtype)
         inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
