@@ -483,8 +483,8 @@ def half(weights: Weights) -> Weights:
     >>> import numpy as np, gpureg as gr
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
     >>> weights = gr.weights.half(gr.weights.bilateral(2.0, 0.7))
-    >>> gr.regularize(step, gr.GridGraph(8), weights=weights, max_iter=1, backend="numpy").value[:, 0].round(3)
-    array([0.   , 0.   , 0.   , 0.057, 0.943, 1.   , 1.   , 1.   ], dtype=float32)
+    >>> gr.regularize(step, gr.GridGraph(8), weights=weights, max_iter=1, backend="numpy").value[2:6, 0].round(3)
+    array([0.   , 0.073, 0.927, 1.   ], dtype=float32)
     """
     return Held(_patch_weights_for(weights, "half"), "half")
 

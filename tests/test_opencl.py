@@ -92,7 +92,7 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
         count = (-(-layout.W // stretch), -(-layout.rows // band))
         size = planned.ring_size // planned.ring_pitch * ring_pitch
         blocks = Blocks(band, stretch, count, planned.slots, ring_pitch, size)
-        layout.blocks = lambda *_, blocks=blocks: blocks  # type: ignore[method-assign, misc]
+        layout.blocks = lambda *_, blocks=blocks, **__: blocks  # type: ignore[method-assign, misc]
         layout._rings = backend.upload(np.full(blocks.ring_size * count[0] * count[1], np.nan, np.float32))
         assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
     # a part that begins and ends anywhere, with a halo of two radii
