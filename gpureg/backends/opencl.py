@@ -24,7 +24,7 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from .. import kernels
-from ..graph import FloatArray, GridGraph
+from ..graph import FloatArray, Graph, GridGraph
 from .base import (
     AnyGraph,
     Array,
@@ -53,8 +53,8 @@ _HUGE, _PAGE = 1 << 22, 1 << 12
 # Where in a page the buffers of a kernel begin: all at its start would share the sets of a cache.
 _STAGGER = itertools.cycle(range(0, 1 << 12, 5 << 7))
 
-# Work items of a group.
-_GPU_GROUP, _CSR_CPU_GROUP = 64, 128
+# Work items of a group: on a GPU; on a stored graph on a CPU, and on one of so many vertices.
+_GPU_GROUP, _CSR_CPU_GROUP, _CSR_LARGE_GROUP, _CSR_LARGE = 64, 128, 2048, 1 << 18
 
 
 def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
@@ -186,8 +186,6 @@ class OpenCLBackend(Backend):
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
-        group = _GPU_GROUP if device.kind == "gpu" else _CSR_CPU_GROUP
-        self._csr_group = min(group, device.handle.max_work_group_size)
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._kept: cl.Buffer = None
         if device.kind == "cpu":
@@ -263,10 +261,15 @@ class OpenCLBackend(Backend):
             found = (
                 GridLayout(self.upload, graph, self.lanes, self.dtype.itemsize)
                 if isinstance(graph, GridGraph)
-                else CsrLayout(self.upload, graph, self._csr_group)
+                else CsrLayout(self.upload, graph, self._csr_group(graph))
             )
             self._topologies[graph] = found
         return found
+
+    def _csr_group(self, graph: Graph) -> int:
+        large = _CSR_LARGE_GROUP if graph.n_vertices >= _CSR_LARGE else _CSR_CPU_GROUP
+        group = _GPU_GROUP if self.device.kind == "gpu" else large
+        return min(group, int(self.device.handle.max_work_group_size))
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         host = self._topology(graph).pack(np.asarray(f, self.dtype))
@@ -330,7 +333,7 @@ class OpenCLBackend(Backend):
         return (
             GridLayout(nothing, graph, self.lanes)
             if isinstance(graph, GridGraph)
-            else CsrLayout(nothing, graph, self._csr_group)
+            else CsrLayout(nothing, graph, self._csr_group(graph))
         )
 
     @property
