@@ -13,6 +13,7 @@ from .memory import memory_needed
 from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
+from .reorder import reordered
 from .result import Interrupted, Result, Stop
 from .solvers import Check, Euler, Jacobi
 
@@ -40,6 +41,7 @@ __all__ = [
     "propagate_labels",
     "read_graph",
     "regularize",
+    "reordered",
     "run_plan",
     "spectral",
     "to_networkx",

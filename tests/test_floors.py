@@ -22,6 +22,7 @@ FLOORS: dict[str, float] = {
     "io": 1,
     "noise": 1.5,
     "graph_io": 1.5,
+    "reorder": 1.5,
     "backends": 2,
     "build": 3,
     "weights": 3,

@@ -141,7 +141,8 @@ static inline realN recomputed(
 #endif
 
 /* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. Without
- * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they compute is dropped. */
+ * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they
+ * compute is dropped. */
 #ifdef GAMMA
 #define EDGE_PLACE
 #define EDGE_FACTORS                                                                                                 \
