@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from . import backends
 from .graph import GridGraph, Metric
+from .memory import budget
 from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
 from .problem import default_eps
 from .regularization import one_sweep, regularize
@@ -164,7 +165,9 @@ def run_plan(
     array = checked(image, channel_axis, mask)
     if plan.max_iter == 0:
         # Not through the device, whose float32 would round a float64 image.
-        name = repr(backends.get(backend, np.float32 if dtype is None else dtype))
+        device = backends.get(backend, np.float32 if dtype is None else dtype)
+        budget(device, memory)  # a wrong limit is one here too
+        name = repr(device)
         none = np.empty(0, np.int64)
         return Result(
             value=array.copy(),

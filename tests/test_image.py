@@ -393,3 +393,8 @@ def test_colour_photographs(name: str, gain: float, data_folder) -> None:
     before = (clean + np.random.default_rng(0).standard_normal(clean.shape) * 20).astype(np.float32)
     after = gr.denoise_image(before, channel_axis=-1)
     assert psnr(after, clean) > psnr(before, clean) + gain
+
+
+def test_a_wrong_limit_is_told_even_where_nothing_is_to_be_done() -> None:
+    with pytest.raises(ValueError, match="memory must be >= 1 byte"):
+        gr.denoise_image(np.zeros((9, 9)), memory=-1, backend="numpy")
