@@ -98,9 +98,10 @@ class Job:
         arrays = [*fidelity, backend.topology_bytes(graph)]
         # the data, the last two iterates, and the conductances
         arrays += [function] * 3 + ([backend.function_bytes(graph, self.norms)] if self.norms else [])
-        storage = "full" if found is None or found[0].storage not in backend.storages else found[0].storage
-        if storage == "none":
-            assert isinstance(graph, GridGraph)
+        storage = "full"
+        if found is not None and found[0].storage in backend.storages and isinstance(graph, GridGraph):
+            storage = found[0].storage
+        if storage == "none" and isinstance(graph, GridGraph):
             # what they are computed from, the mask with it
             arrays.append(backend.function_bytes(graph, (guide or self.channels) + (graph.mask is not None)))
         elif self.directed or not _is_unit(graph, self.weights):

@@ -112,3 +112,19 @@ def test_a_job_too_large_for_the_device_says_so() -> None:
     backend = backends.get(drivers()[0].id)
     with pytest.raises(MemoryError, match="GiB at most"):
         backend._allocate(1 << 50)
+
+
+def test_memory_of_buffers_outlives_a_wait_that_failed() -> None:
+    """Host memory that queued work may still use goes only once a wait is over."""
+    if not drivers():
+        pytest.skip(backends.absent()["opencl"])
+    shared = backends.get(drivers()[0].id)._shared  # type: ignore[attr-defined]
+    shared.queue.finish()
+    mark = np.zeros(1, np.uint8)
+    shared.leaving.append(mark)
+    with pytest.raises(KeyboardInterrupt), shared.waiting():
+        raise KeyboardInterrupt
+    assert any(kept is mark for kept in shared.leaving)
+    with shared.waiting():
+        shared.queue.finish()
+    assert not shared.leaving

@@ -156,6 +156,14 @@ def test_memory_is_saved_where_it_is_promised(device):
         assert none == half == full
 
 
+def test_a_stored_graph_says_so(device):
+    graph = gr.GridGraph((5, 6)).to_graph()
+    plain = gr.weights.bilateral(2.0, 0.7)
+    for weights in (gr.weights.half(plain), gr.weights.recomputed(plain)):
+        with pytest.raises(BackendUnavailable, match=r"GridGraph|OpenCL"):
+            gr.regularize(cases.function(graph), graph, p=1, weights=weights, backend=device)
+
+
 def test_what_cannot_be_held_so_says_so():
     plain = gr.weights.bilateral(2.0, 0.7)
     with pytest.raises(TypeError, match="got Constant"):

@@ -223,7 +223,7 @@ class Backend(ABC):
 
     name: ClassVar[str]
 
-    # The forms in which weights are stored, "full" where another is asked for and given.
+    # The forms in which the device holds weights: what saves memory here, whatever else is accepted.
     storages: ClassVar[tuple[Storage, ...]] = ("full",)
 
     # A part of a grid whose first row and column are multiples of these gets the bits of the whole from

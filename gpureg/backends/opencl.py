@@ -135,8 +135,11 @@ class _Queue:
         with contextlib.suppress(IndexError):
             while True:
                 gone.append(self.leaving.popleft())
-        yield
-        del gone
+        try:
+            yield
+        except BaseException:  # it may not have waited
+            self.leaving.extend(gone)
+            raise
 
 
 @functools.cache
@@ -331,7 +334,7 @@ class OpenCLBackend(Backend):
         if found is not None:
             return found
         return (
-            GridLayout(nothing, graph, self.lanes)
+            GridLayout(nothing, graph, self.lanes, self.dtype.itemsize)
             if isinstance(graph, GridGraph)
             else CsrLayout(nothing, graph, self._csr_group(graph))
         )
