@@ -144,23 +144,31 @@ class Bounds:
         return self.slack * self.u * change
 
     def patch_distance(
-        self, rho: FloatArray, form: PatchForm, spatial: FloatArray, channels: int, ndim: int
+        self,
+        rho: FloatArray,
+        form: PatchForm,
+        spatial: FloatArray,
+        channels: int,
+        ndim: int,
+        taken: FloatArray | float = 0.0,
+        strength: FloatArray | float = 1.0,
     ) -> FloatArray:
-        """`rho` is the exact distance, `spatial` its factor, both per weight.
+        """`rho` is the exact distance, `spatial` its factor, both per weight, and so are a(u) + a(v) and q(u) q(v).
 
         Terms g_j d d of 4 roundings, g_j rounded once (once an axis where it is applied axis by axis), P M additions.
         Then max(rho - shift, 0) scale: shift and scale are rounded to the type, a subtraction and a multiplication; the
         exponential turns that absolute error into a relative one and adds its own; the spatial factor is rounded and
-        multiplied: 2. A similarity below the type's normal range may be flushed.
+        multiplied: 2. Maps add a(u) + a(v) to shift, one rounding of what is taken off, and two multiplications. A
+        similarity below the type's normal range may be flushed.
         """
         relative = self.gamma(len(form.profile) ** ndim * channels + 4 + ndim)
         if form.scale is None:
             return self.slack * relative * rho
-        kept = np.maximum(rho - form.shift, 0)
-        exponent = kept * form.scale
-        exponent_off = (relative * rho + self.u * form.shift) * form.scale * (1 + self.gamma(4)) + self.gamma(
-            4
-        ) * exponent
+        off = form.shift + taken
+        scale, roundings = form.scale * strength, self.gamma(4 if form.maps is None else 7)
+        exponent = np.maximum(rho - off, 0) * scale
+        taken_off = self.u * (form.shift if form.maps is None else 3 * off)
+        exponent_off = (relative * rho + taken_off) * scale * (1 + roundings) + roundings * exponent
         similarity = spatial * np.exp(-exponent)
         off = (1 + np.expm1(exponent_off)) * (1 + self.gamma(EXP + 2)) - 1
         return self.slack * (off * similarity + np.finfo(self.dtype).tiny * (spatial > 0))

@@ -489,11 +489,12 @@ class PatchCase:
     scale: float | None = None
     spatial: bool = False
     wide: bool = False
+    maps: bool = False
 
     @property
     def id(self):
         kind = "distance" if self.scale is None else "similarity"
-        extras = [name for name in ("gaussian", "spatial") if getattr(self, name)] + ["shift"] * bool(self.shift)
+        extras = [name for name in ("gaussian", "spatial", "maps") if getattr(self, name)] + ["shift"] * bool(self.shift)
         return f"{self.graph}, {self.channels}, radius {self.radius}, {' '.join([kind, *extras])}"
 
     def form(self, graph):
@@ -507,7 +508,12 @@ class PatchCase:
             spatial = np.exp(-(graph.forward_offsets**2).sum(axis=1) / 4)
         elif self.spatial:
             spatial = np.exp(-np.abs(graph.edge_rows() - graph.indices) / 64)
-        return PatchForm(profile, self.shift, self.scale, spatial)
+        maps = None
+        if self.maps:
+            # exact in both types: what is taken off, and strengths that differ by a factor of 8 at most
+            a = cases.rng(31).integers(0, 16, graph.n_vertices) / 64
+            maps = np.stack([a, 2.0 ** cases.rng(37).integers(-1, 3, graph.n_vertices)], axis=-1)
+        return PatchForm(profile, self.shift, self.scale, spatial, maps)
 
 
 # Seven compilations a device and type. A radius of 4 reaches over both ends of a row of 3.
@@ -523,7 +529,25 @@ PATCHES = (
     PatchCase("csr", channels=3, radius=0, scale=2.0, spatial=True, wide=True),
     PatchCase("csr of grid", radius=2),
     PatchCase("csr of grid", radius=1, shift=0.125, scale=0.5),
+    PatchCase("masked", channels=2, radius=1, shift=0.125, scale=0.5, spatial=True, maps=True, wide=True),
+    PatchCase("volume", radius=1, gaussian=True, scale=0.5, maps=True),
+    PatchCase("csr of grid", radius=1, shift=0.125, scale=0.5, maps=True, wide=True),
 )
+
+
+def at_both_ends(graph, form):
+    """a(u) + a(v) and q(u) q(v) per weight, of a form with maps."""
+    if form.maps is None:
+        return ()
+    a, q = form.maps.T
+    if isinstance(graph, Graph):
+        return a[graph.edge_rows()] + a[graph.indices], q[graph.edge_rows()] * q[graph.indices]
+    taken, strength = np.zeros((2, graph.half_window, *graph.shape))
+    a, q = a.reshape(graph.shape), q.reshape(graph.shape)
+    for h, step in enumerate(graph.forward_offsets):
+        u, v = graph.ends(step)
+        taken[h][u], strength[h][u] = a[u] + a[v], q[u] * q[v]
+    return taken, strength
 
 
 @pytest.mark.parametrize(
@@ -547,7 +571,7 @@ def test_patch_distance(backend, case, dtype):
         ndim = 1 if graph.grid is None else graph.grid.ndim
         spatial = np.ones(graph.n_edges) if form.spatial is None else form.spatial
     limit = bounds.Bounds(graph, cases.weights(case.graph), dtype)
-    bound = limit.patch_distance(rho, form, spatial, case.channels, ndim)
+    bound = limit.patch_distance(rho, form, spatial, case.channels, ndim, *at_both_ends(graph, form))
 
     weighted = backend.patch_distance(graph, f, form)
     actual = backend.get_weights(weighted)

@@ -9,7 +9,7 @@ import cases
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from test_backends import PatchCase, assert_within, nan, oracle
+from test_backends import PatchCase, assert_within, at_both_ends, nan, oracle
 
 from gpureg import backends
 from gpureg.graph import GridGraph
@@ -24,6 +24,7 @@ STEPS = (
     (PatchCase("volume", radius=1, gaussian=True, scale=4.0), "array"),
     (PatchCase("four axes", channels=2, radius=1, scale=0.01), "number"),
     (PatchCase("pixel", radius=2, scale=1.0), "number"),
+    (PatchCase("masked", channels=2, radius=1, shift=0.125, scale=0.5, spatial=True, maps=True), "array"),
 )
 
 
@@ -63,7 +64,7 @@ def check(backend, case, lam, guided=False):
     inside = graph.unit_half_weights()
     spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
     limit = bounds.Bounds(graph, w, dtype)
-    dw = limit.patch_distance(rho, form, spatial, q, graph.ndim)
+    dw = limit.patch_distance(rho, form, spatial, q, graph.ndim, *at_both_ends(graph, form))
     expected = exact.similarity_step(graph, f, form, f0, fidelity, guide=guide)
     off = graph.to_graph(2 * dw).weights
     pinned = np.isinf(np.broadcast_to(fidelity, (graph.n_vertices, 1)))

@@ -70,6 +70,9 @@ class Device:
 class PatchForm:
     """Weights of the form s(u, v) exp(-max(rho(u, v) - shift, 0) scale), rho the distance of two patches (section 5.2).
 
+    With maps every vertex has a shift a and a strength q of its own: s exp(-max(rho - shift - a(u) - a(v), 0) scale
+    q(u) q(v)), symmetric in u and v.
+
     Attributes
     ----------
     profile : (2 r + 1,) float array
@@ -80,12 +83,15 @@ class PatchForm:
         1/h^2; None leaves the distance itself.
     spatial : float array or None
         s: one per forward offset of a grid, (K/2,), or one per directed edge, (n_edges,).
+    maps : (n, 2) float array or None
+        a >= 0 and q > 0 of each vertex.
     """
 
     profile: FloatArray
     shift: float = 0.0
     scale: float | None = None
     spatial: FloatArray | None = None
+    maps: FloatArray | None = None
 
     @property
     def radius(self) -> int:
@@ -479,6 +485,8 @@ def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
         return
     if not isinstance(graph, GridGraph) or form.scale is None:
         raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
+    if storage == "none" and form.maps is not None:
+        raise BackendUnavailable("weights whose parameters differ from pixel to pixel are stored, not recomputed")
     if storage == "none" and form.radius:
         raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
 

@@ -266,8 +266,9 @@ class NumpyBackend(Backend):
                     slabs = (rho.take(range(j, j + length), axis) for j in range(len(profile)))
                     rho = sum((g * slab for g, slab in zip(profile, slabs, strict=True)), np.zeros((), self.dtype))
                 spatial = 1.0 if form.spatial is None else float(form.spatial[h])
-                inside, _ = graph.ends(step)
-                weights[h][inside] = self._similarity(rho, form, spatial)
+                inside, there = graph.ends(step)
+                maps = () if form.maps is None else (form.maps.reshape(*graph.shape, 2)[ends] for ends in (inside, there))
+                weights[h][inside] = self._similarity(rho, form, spatial, *maps)
             if graph.mask is not None:
                 weights[graph.unit_half_weights() == 0] = 0
             return Weighted(graph, None, weights)
@@ -282,13 +283,20 @@ class NumpyBackend(Backend):
             rho = np.zeros(len(a), self.dtype)
             for jump, g_j in zip(jumps, g, strict=True):
                 rho += g_j * ((flat[:, a + jump] - flat[:, b + jump]) ** 2).sum(axis=0)
-            weights[edges] = self._similarity(rho, form, 1.0 if form.spatial is None else form.spatial[edges])
+            maps = () if form.maps is None else (form.maps[u], form.maps[graph.indices[edges]])
+            spatial = 1.0 if form.spatial is None else form.spatial[edges]
+            weights[edges] = self._similarity(rho, form, spatial, *maps)
         return Weighted(graph, None, weights)
 
-    def _similarity(self, rho: FloatArray, form: PatchForm, spatial: Any) -> FloatArray:
+    def _similarity(self, rho: FloatArray, form: PatchForm, spatial: Any, *maps: FloatArray) -> FloatArray:
+        """What the weights make of distances; `maps` are those of either end."""
         if form.scale is None:
             return rho
-        similarity: FloatArray = spatial * np.exp(-np.maximum(rho - form.shift, 0) * form.scale)
+        kept = rho - form.shift
+        if maps:
+            at_u, at_v = (x.astype(self.dtype) for x in maps)
+            kept = np.maximum(kept - (at_u[..., 0] + at_v[..., 0]), 0) * (at_u[..., 1] * at_v[..., 1])
+        similarity: FloatArray = spatial * np.exp(-np.maximum(kept, 0) * form.scale)
         return similarity.astype(self.dtype, copy=False)
 
     def degree(self, weighted: Weighted) -> Array:

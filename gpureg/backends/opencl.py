@@ -510,9 +510,11 @@ class OpenCLBackend(Backend):
             self.real(exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))),
             self.upload(sites),
             spatial,
+            self._nothing if form.maps is None else self.upload(form.maps.astype(self.dtype)),
             weights,
         ]
         options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
+        options += () if form.maps is None else ("-DMAPS",)
         self._run("patch_distance", Weighted(graph, topology, None), args, options)
         return Weighted(graph, topology, weights)
 

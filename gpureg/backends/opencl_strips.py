@@ -130,6 +130,7 @@ class Strips:
         options += ["-DSHIFTED_DISTANCE"] if form.scale is not None and form.shift != 0 else []
         options += ["-DSPATIAL"] if form.spatial is not None else []
         options += ["-DMASKED"] if self.graph.mask is not None else []
+        options += ["-DMAPS"] if form.scale is not None and form.maps is not None else []
         return tuple(options)
 
     def planes(self, f: FloatArray) -> FloatArray:
@@ -139,15 +140,14 @@ class Strips:
         planes[..., self.left : self.left + padded.shape[-1]] = padded
         return planes
 
-    def inside(self, dtype: npt.DTypeLike) -> FloatArray:
-        """The mask as a padded plane, 0 around it."""
-        mask = self.graph.mask
-        assert mask is not None
+    def among_zeros(self, f: npt.NDArray[Any], dtype: npt.DTypeLike) -> FloatArray:
+        """A host function (n, channels) as padded planes, 0 around the grid."""
         r = self.form.radius
-        within = np.pad(mask, r)
-        plane = np.zeros((*within.shape[:-1], self.pitch), dtype)
-        plane[..., self.left : self.left + within.shape[-1]] = within
-        return plane
+        cells = np.moveaxis(f.reshape(*self.graph.shape, -1), -1, 0)
+        within = np.pad(cells, [(0, 0)] + [(r, r)] * self.graph.ndim)
+        planes = np.zeros((*within.shape[:-1], self.pitch), dtype)
+        planes[..., self.left : self.left + within.shape[-1]] = within
+        return planes
 
     def offsets(self, pairs: bool) -> tuple[npt.NDArray[np.int32], FloatArray]:
         """The whole window and its spatial factor, or for `pairs` its forward half, ordered by the last axis."""
@@ -175,7 +175,8 @@ class Strips:
             np.int64(self.plane),
             np.int64(self.pitch),
             np.int64(self.left),
-            upload(self.inside(real)) if graph.mask is not None else guide,
+            guide if graph.mask is None else upload(self.among_zeros(graph.mask, real)),
+            guide if form.scale is None or form.maps is None else upload(self.among_zeros(form.maps, real)),
             upload(np.array(graph.shape, np.int32)),
             np.int32(len(steps)),
             upload(steps),

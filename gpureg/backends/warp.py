@@ -619,6 +619,7 @@ class WarpBackend(Backend):
         inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
         guards = [(0, 0)] * ndim + [(left, right)]
         planes, within = np.pad(padded, guards), np.pad(inside, guards)
+        maps = None if form.scale is None else form.maps
         # The patch along the leading axes of a grid of three axes and more, as steps in rows.
         leading = form.window(max(ndim - 2, 0))
         strides = np.array([math.prod(padded.shape[a + 2 : -1]) for a in range(leading.ndim)], np.int64)
@@ -632,11 +633,16 @@ class WarpBackend(Backend):
         patches.spatial, patches.profile = self._upload_reals(spatial), self._upload_reals(form.profile)
         patches.lines = self.upload(np.atleast_1d(lines).astype(np.int32), wp.int32)
         patches.line_weights = self._upload_reals(leading.ravel())
+        if maps is not None:
+            cells = np.moveaxis(maps.reshape(*graph.shape, 2), -1, 0)
+            around = [(0, 0)] + [(r, r)] * (ndim - 1) + [(r + left, r + right)]
+            patches.maps = self._upload_reals(np.pad(cells, around).ravel())
         patches.shift, patches.scale = form.shift, 0.0 if form.scale is None else form.scale
 
         dim = (math.prod(graph.shape[:-2]) * -(-height // S), -(-width // N))
         work = graph.n_vertices * (1 + len(offsets)) * len(form.profile) * M // _PACK_SPEED
-        self._launch(dim, make, (self.real, ndim, M, r, *options, N, S), [patches, *inputs], out, work=work)
+        options = (self.real, ndim, M, r, maps is not None, *options, N, S)
+        self._launch(dim, make, options, [patches, *inputs], out, work=work)
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
         if storage != "full":
@@ -666,9 +672,10 @@ class WarpBackend(Backend):
             0.0 if form.scale is None else form.scale,
             self.upload(places, wp.vec2i),
             None if form.spatial is None else self._upload_reals(form.spatial),
+            None if form.maps is None else self._upload_reals(form.maps.ravel()),
         ]
         weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
-        options = (bare.access, m, similarity, form.spatial is not None)
+        options = (bare.access, m, similarity, form.spatial is not None, form.maps is not None)
         self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)
 

@@ -1,5 +1,6 @@
 /* rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2 over the offsets j of a patch                    (section 5.2)
  * similarity(u, v) = s(u, v) exp(-max(rho - shift, 0) scale)                               with -DSIMILARITY
+ *                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and -DMAPS
  *
  * The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor
  * s. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
@@ -24,9 +25,9 @@
 
 #ifdef GRID
 #ifdef SIMILARITY
-#define WEIGHT(rho, spatial) similarity(rho, spatial, shift, scale)
+#define WEIGHT(rho, k, u, v) SIMILARITY_AT(rho, k, u, v)
 #else
-#define WEIGHT(rho, spatial) (rho)
+#define WEIGHT(rho, k, u, v) (rho)
 #endif
 
 /* In float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
@@ -72,9 +73,9 @@ ALONE __kernel void patch_distance(
             if (has) sum_along(down + y * WIDE, profile, rho);
             int p = 0;
             for (; p < B && x0 + p * N < width_; ++p) {
-                const long u = centre0 + y * padded_pitch + p * N;
+                const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
                 realN w = 0;
-                if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], spatial[k]), u, u + ahead, x0 + p * N);
+                if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], k, u, v), u, v, x0 + p * N);
                 PUT_WEIGHT(to, p * N, w);
             }
             if (x0 + p * N < width_) continue;
@@ -92,10 +93,15 @@ ALONE __kernel void patch_distance(
     const real shift,                                                                                                \
     const real scale                   /* -log2(e)/h^2 */
 
-#ifdef SIMILARITY
-#define EPILOGUE(rho, spatial) ((spatial) * exp2_scaled(fmax((rho) - shift, (realN)(0)), scale))
+#ifdef MAPS
+#define KEPT(rho, u, v) (fmax((rho) - shift - (maps[2 * (u)] + maps[2 * (v)]), (real)0) * (maps[2 * (u) + 1] * maps[2 * (v) + 1]))
 #else
-#define EPILOGUE(rho, spatial) (rho)
+#define KEPT(rho, u, v) fmax((rho) - shift, (real)0)
+#endif
+#ifdef SIMILARITY
+#define EPILOGUE(rho, spatial, u, v) ((spatial) * exp2_scaled(KEPT(rho, u, v), scale))
+#else
+#define EPILOGUE(rho, spatial, u, v) (rho)
 #endif
 
 static inline realN patch_distance_between(
@@ -117,17 +123,18 @@ __kernel void patch_distance(
     PATCH_ARGS,
     __global const long *site,     /* (n,) */
     __global const real *spatial,  /* (n_edges,); not read without SPATIAL */
+    __global const real *maps,     /* (n, 2): a and q; not read without MAPS */
     /* output */
     __global real *out)            /* (n_edges,) */
 {
     VERTEX
     for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
-        const real rho = patch_distance_between(
-            padded, padded_plane, n_patch, patch_jumps, g, site[u], site[indices[e]]);
+        const long v = indices[e];
+        const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
 #ifdef SPATIAL
-        out[e] = EPILOGUE(rho, spatial[e]);
+        out[e] = EPILOGUE(rho, spatial[e], u, v);
 #else
-        out[e] = EPILOGUE(rho, 1);
+        out[e] = EPILOGUE(rho, 1, u, v);
 #endif
     }
 }

@@ -2,6 +2,7 @@
  *
  *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
  *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
+ *   with MAPS as patch_distance.cl says
  *
  * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is infinite,
  * or the denominator is not above SMALLEST, out = f0.
@@ -122,7 +123,7 @@ ALONE __kernel void similarity_step(
 #pragma unroll
             for (int p = 0; p < B; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
-                const realN w = PRESENT_WEIGHT(similarity(rho[p], spatial[k], shift, scale), u, v, x0 + p * N);
+                const realN w = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 + p * N);
                 realN *at_u = near + (y * B + p) * SUMS, *at_v = far + ((y + dy) * B + p) * SUMS;
                 at_u[0] += w;
                 at_v[0] += w;
@@ -165,7 +166,7 @@ ALONE __kernel void similarity_step(
 #pragma unroll
             for (int p = 0; p < B; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
-                const realN w = PRESENT_WEIGHT(similarity(rho[p], spatial[k], shift, scale), u, v, x0 + p * N);
+                const realN w = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 + p * N);
                 total[y * B + p] += w;
                 for (int c = 0; c < M; ++c) pull[(y * B + p) * M + c] += w * LOAD(f, c * padded_plane + v);
             }

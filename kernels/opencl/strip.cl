@@ -53,6 +53,7 @@
     const long padded_pitch,           /* from a row to the next */                                                  \
     const long left,                   /* from the start of a padded row to the patch of its first cell */           \
     __global const real *inside,       /* one plane: 1 in the grid's mask, 0 elsewhere; read with MASKED */                   \
+    __global const real *maps,         /* two planes: a(u) and q(u), 0 outside the grid; read with MAPS */           \
     __global const int *sizes,         /* (NDIM,): of the grid's axes */                                             \
     const int n_offsets,                                                                                             \
     __global const int *steps,         /* (n_offsets, NDIM) */                                                       \
@@ -240,6 +241,15 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
     return w;
 #endif
 }
+
+/* The weight of a pack at u and its neighbours at v, places in a padded plane, along offset k. */
+#ifdef MAPS
+#define SIMILARITY_AT(rho, k, u, v) similarity(                                                                      \
+    fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0))                                                \
+        * (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), spatial[k], 0, scale)
+#else
+#define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale)
+#endif
 
 /* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of u. */
 #ifdef MASKED

@@ -1,5 +1,6 @@
 """rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2 over the offsets j of a patch                    (section 5.2)
 similarity(u, v) = s(u, v) exp(-max(rho - shift, 0) scale)                               with `similarity`
+                 = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and `maps`
 
 The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor s.
 shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
@@ -53,13 +54,13 @@ def distance(real, M, similarity):
     if similarity:
 
         @wp.func
-        def epilogue(rho: real, spatial: real, shift: real, scale: real) -> real:
-            return spatial * wp.exp(-wp.max(rho - shift, real(0.0)) * scale)
+        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real) -> real:
+            return spatial * wp.exp(-(wp.max(rho - shift, real(0.0)) * q) * scale)
 
     else:
 
         @wp.func
-        def epilogue(rho: real, spatial: real, shift: real, scale: real) -> real:
+        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real) -> real:
             return rho
 
     return between, epilogue
@@ -78,12 +79,12 @@ _WEIGHTS = """
 
 
 @functools.cache
-def make_grid(real, ndim, M, R, similarity, N, S):
+def make_grid(real, ndim, M, R, maps, similarity, N, S):
     """The kernel for a grid of so many axes, patches of radius R, and packs of N cells on S rows."""
     Patches = strip.struct(real)
-    weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], p.spatial.data[k])" if similarity else "rho[y]")
+    weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], k, centre0 + y * p.pitch)" if similarity else "rho[y]")
 
-    @wp.func_native(strip.source(real, ndim, M, R, N, S, weights=weights))
+    @wp.func_native(strip.source(real, ndim, M, R, N, S, maps=maps, weights=weights))
     def write_strip(p: Patches, out: wp.array3d(dtype=real), strip: int, pack: int): ...
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -100,7 +101,7 @@ def make_grid(real, ndim, M, R, similarity, N, S):
 
 
 @functools.cache
-def make_csr(access, M, similarity, with_spatial):
+def make_csr(access, M, similarity, with_spatial, with_maps):
     """The kernel for a CSR graph."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour = access.begin, access.end, access.neighbour
@@ -119,6 +120,26 @@ def make_csr(access, M, similarity, with_spatial):
         def factor(spatial: wp.array(dtype=real), e: int) -> real:
             return real(1.0)
 
+    if with_maps:
+
+        @wp.func
+        def taken_off(maps: wp.array(dtype=real), u: int, v: int) -> real:
+            return maps[2 * u] + maps[2 * v]
+
+        @wp.func
+        def strength(maps: wp.array(dtype=real), u: int, v: int) -> real:
+            return maps[2 * u + 1] * maps[2 * v + 1]
+
+    else:
+
+        @wp.func
+        def taken_off(maps: wp.array(dtype=real), u: int, v: int) -> real:
+            return real(0.0)
+
+        @wp.func
+        def strength(maps: wp.array(dtype=real), u: int, v: int) -> real:
+            return real(1.0)
+
     @wp.func
     def write_edges(
         graph: Graph,
@@ -129,6 +150,7 @@ def make_csr(access, M, similarity, with_spatial):
         scale: real,
         site: wp.array(dtype=wp.vec2i),
         spatial: wp.array(dtype=real),
+        maps: wp.array(dtype=real),
         u: Place,
         out: wp.array(dtype=real),
     ):
@@ -137,7 +159,8 @@ def make_csr(access, M, similarity, with_spatial):
         while e < last:
             v = neighbour(graph, u, e)
             rho = between(padded, lines, g, site[u[1]], site[v[1]])
-            out[e] = epilogue(rho, factor(spatial, e), shift, scale)
+            off = shift + taken_off(maps, u[1], v[1])
+            out[e] = epilogue(rho, factor(spatial, e), off, scale, strength(maps, u[1], v[1]))
             e += 1
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -150,12 +173,13 @@ def make_csr(access, M, similarity, with_spatial):
         scale: real,
         site: wp.array(dtype=wp.vec2i),  # (n,)
         spatial: wp.array(dtype=real),  # (n_edges,); not read without `with_spatial`
+        maps: wp.array(dtype=real),  # (2 n,): a and q of each vertex; not read without `with_maps`
         first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array(dtype=real),  # (n_edges,)
     ):
         i, j = wp.tid()
         row, x = first[0] + i, first[1] + j
-        write_edges(graph, padded, lines, g, shift, scale, site, spatial, place(graph, row, x), out)
+        write_edges(graph, padded, lines, g, shift, scale, site, spatial, maps, place(graph, row, x), out)
 
     return patch_distance

@@ -26,7 +26,7 @@ _BEGIN = """
 _WEIGHTS = """
         for (int y = from; y < until; ++y) {
             const long long v = centre0 + y * p.pitch + ahead;
-            const V w = T(2) * similarity(rho[y], p.spatial.data[k]) * WP_GPUREG_LOAD(p.inside.data + v);
+            const V w = T(2) * similarity(rho[y], k, centre0 + y * p.pitch) * WP_GPUREG_LOAD(p.inside.data + v);
             total[y] += w;
             for (int c = 0; c < M; ++c)
                 pull[y * M + c] += w * WP_GPUREG_LOAD(p.f.data + c * p.plane + v);
@@ -52,14 +52,14 @@ _END = """
 
 
 @functools.cache
-def make(real, ndim, M, R, lam_array, N, S):
+def make(real, ndim, M, R, maps, lam_array, N, S):
     """The kernel for a grid of so many axes, M channels, patches of radius R, and packs of N cells on S rows."""
     Patches, function = strip.struct(real), reals.vector(real, M)
     lam_type = wp.array2d(dtype=reals.vector(real, 1)) if lam_array else real
     smallest = reals.smallest(real)
     end = _END.replace("LAM", "((const T*)lam.data)[u]" if lam_array else "lam")
 
-    @wp.func_native(strip.source(real, ndim, M, R, N, S, begin=_BEGIN, weights=_WEIGHTS, end=end))
+    @wp.func_native(strip.source(real, ndim, M, R, N, S, maps=maps, begin=_BEGIN, weights=_WEIGHTS, end=end))
     def step(
         p: Patches,
         f0: wp.array2d(dtype=function),

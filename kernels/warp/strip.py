@@ -15,7 +15,7 @@ Arithmetic per edge: (S + 2 r)/S times 2 (2 r + 1) multiplications and additions
 This is C++ for its vectors: clang leaves loops over the numbers of a Warp vector to chance. What is done with rho,
 `weights`, is C++ too; it finds k (number of the offset), from, until (the strip's rows that have a neighbour), rho[y],
 ahead (from a cell to its neighbour in the padded planes), cell0 (the strip's first cell) and centre0 (that one's place
-in the padded planes), similarity(rho, s).
+in the padded planes), similarity(rho, k, u), of a cell and its neighbour along offset k, u in the padded planes.
 """
 
 import functools
@@ -71,16 +71,12 @@ _EXP_SCALAR = """
 
 _STRIP = """
     enum { N = %(N)d, S = %(S)d, M = %(M)d, D = %(D)d, R = %(R)d };  // cells, rows, channels, axes, radius of a patch
+    enum { MAPS = %(maps)d };
     enum { DOWN = D > 1 ? R : 0 };  // radius of a patch across the rows
     enum { PARTS = (N + 2 * R + N - 1) / N };  // packs that hold the patches' cells of one row
     typedef %(T)s T;
     %(pack)s
     %(exp)s
-    auto similarity = [&](V rho, T s) -> V {
-        V kept = rho - p.shift;
-        kept = kept > V{} ? kept : V{};
-        return s * exponential(-(kept * p.scale));
-    };
     // Where the strip is: its coordinates along the leading axes, its first row, and that row's place in the padded f.
     const int height = D > 1 ? p.sizes.data[D - 2] : 1, width = p.sizes.data[D - 1];
     const int strips = (height + S - 1) / S, y0 = (strip %% strips) * S, x0 = pack * N;
@@ -115,6 +111,15 @@ _STRIP = """
         const int bottom = rows < height - y0 - dy ? rows : height - y0 - dy;
         const int until = there && from < bottom ? bottom : from, patch_end = until > from ? until + 2 * DOWN : from;
         const long long ahead = jump * p.pitch + dx;
+        auto similarity = [&](V rho, int k, long long u) -> V {
+            V kept = rho - p.shift;
+            if (MAPS)  // a and q of both ends
+                kept -= WP_GPUREG_LOAD(p.maps.data + u) + WP_GPUREG_LOAD(p.maps.data + u + ahead);
+            kept = kept > V{} ? kept : V{};
+            if (MAPS)
+                kept *= WP_GPUREG_LOAD(p.maps.data + p.plane + u) * WP_GPUREG_LOAD(p.maps.data + p.plane + u + ahead);
+            return p.spatial.data[k] * exponential(-(kept * p.scale));
+        };
 
         for (int y = from; y < until; ++y)
             rho[y] = V{};
@@ -163,6 +168,7 @@ def struct(real):
         pitch: wp.int64  # from a row to the next
         left: wp.int32  # zeros before each row
         inside: wp.array(dtype=real)  # a plane: 1 on the grid and in its mask, 0 elsewhere
+        maps: wp.array(dtype=real)  # two planes: a and q of the cells, 0 elsewhere; not read without `maps`
         sizes: wp.array(dtype=wp.int32)  # of the grid's axes
         offsets: wp.array(dtype=wp.int32)  # (n_offsets * axes,)
         n_offsets: wp.int32
@@ -176,7 +182,7 @@ def struct(real):
     return Patches
 
 
-def source(real, ndim, M, R, N, S, *, begin="", weights, end=""):
+def source(real, ndim, M, R, N, S, *, maps, begin="", weights, end=""):
     """C++ for the strip number `strip` and the pack number `pack` of the Patches `p`, on a grid of so many axes.
 
     `begin`, `weights` and `end` are put before the loop over the offsets, at the end of its body, and after it.
@@ -187,6 +193,7 @@ def source(real, ndim, M, R, N, S, *, begin="", weights, end=""):
         "S": S,
         "M": M,
         "D": ndim,
+        "maps": int(maps),
         "R": R,
         "T": "double" if double else "float",
         "pack": _PACK if N > 1 else _SCALAR,
