@@ -83,6 +83,20 @@ def nan(backend, graph, channels):
     return backend.put(graph, np.full((graph.n_vertices, channels), np.nan))
 
 
+def as_gpu(device, dtype, monkeypatch):
+    """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
+    backend = backends.get(device, dtype)
+    if backend.name == "warp":
+        from gpureg.backends import warp
+
+        monkeypatch.setattr(warp, "_STRIP_ROWS", 1)
+        monkeypatch.setattr(warp, "_STRIP_BYTES", backend.dtype.itemsize)
+        return backend
+    from gpureg.backends import opencl
+
+    return opencl.make(dataclasses.replace(backend.device, vector_width=1, kind="gpu"), dtype)
+
+
 def assert_within(actual, exact, bound, what):
     """NaN fails too: it is not <= anything."""
     actual, exact = np.asarray(actual, float), np.asarray(exact)
@@ -494,7 +508,9 @@ class PatchCase:
     @property
     def id(self):
         kind = "distance" if self.scale is None else "similarity"
-        extras = [name for name in ("gaussian", "spatial", "maps") if getattr(self, name)] + ["shift"] * bool(self.shift)
+        extras = [name for name in ("gaussian", "spatial", "maps") if getattr(self, name)] + ["shift"] * bool(
+            self.shift
+        )
         return f"{self.graph}, {self.channels}, radius {self.radius}, {' '.join([kind, *extras])}"
 
     def form(self, graph):

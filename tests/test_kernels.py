@@ -15,13 +15,18 @@ WARP_PARTS = {"pack"}
 # Several primitives at once, in the one language that needs it; kernels/README.md says why.
 FUSED = {"sweep"}
 # What a primitive includes, where it is not both kinds of graph.
-INCLUDES = {"similarity_step": ("strip.cl", "reals.cl"), "patch_distance": ("strip.cl", "csr.cl", "reals.cl")}
+INCLUDES = {
+    "aggregate": ("grid.cl", "reals.cl"),
+    "similarity_step": ("strip.cl", "reals.cl"),
+    "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
+}
 PRIMITIVES = sorted(path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS | FUSED)
 
 
 def test_the_primitives_of_the_protocol_have_a_kernel_each():
     assert PRIMITIVES == [
         "adjoint",
+        "aggregate",
         "degree",
         "difference",
         "energy",

@@ -9,7 +9,7 @@ import cases
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from test_backends import PatchCase, assert_within, at_both_ends, nan, oracle
+from test_backends import PatchCase, as_gpu, assert_within, at_both_ends, nan, oracle
 
 from gpureg import backends
 from gpureg.graph import GridGraph
@@ -30,20 +30,6 @@ STEPS = (
 
 # What a GPU takes in another way than a CPU, tried by pretending.
 NARROW = (STEPS[1], STEPS[2], STEPS[4], STEPS[6])
-
-
-def as_gpu(device, dtype, monkeypatch):
-    """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
-    backend = backends.get(device, dtype)
-    if backend.name == "warp":
-        from gpureg.backends import warp
-
-        monkeypatch.setattr(warp, "_STRIP_ROWS", 1)
-        monkeypatch.setattr(warp, "_STRIP_BYTES", backend.dtype.itemsize)
-        return backend
-    from gpureg.backends import opencl
-
-    return opencl.make(dataclasses.replace(backend.device, vector_width=1, kind="gpu"), dtype)
 
 
 def check(backend, case, lam, guided=False):
@@ -98,6 +84,25 @@ def test_as_a_gpu_takes_it(monkeypatch, device, case, lam):
     if device.startswith("numpy"):
         pytest.skip("numpy has no other way for a GPU")
     check(as_gpu(device, "float64" if case.wide else "float32", monkeypatch), case, lam)
+
+
+@pytest.mark.parametrize(("case", "lam"), [STEPS[0], STEPS[3], STEPS[6]], ids=lambda x: getattr(x, "id", x))
+def test_lam_in_units_of_the_largest_weight(device, case, lam):
+    """The composition of the primitives, on the same device: sums in another order, of at most 120 positive terms."""
+    backend, graph = backends.get(device), cases.graph(case.graph)
+    f, form = cases.function(graph), case.form(graph)
+    given = 0.75 if lam == "number" else cases.fidelity(graph)
+    weighted = backend.patch_distance(graph, f, form)
+    unit = backend.get(graph, backend.largest_weight(weighted)).astype(np.float64)
+    fidelity = np.where(np.isinf(given), given, np.where(np.isinf(given), 0, given) * unit)
+    composed = backend.jacobi_step(
+        weighted, backend.put(graph, f), backend.put(graph, f), None, backend.put(graph, fidelity)
+    )
+    device_lam = given if lam == "number" else backend.put(graph, given)
+    step = backend.similarity_step(graph, f, form, backend.put(graph, f), device_lam, largest=True)
+    assert np.abs(backend.get(graph, step) - backend.get(graph, composed)).max() <= 2 * 130 * 2.0**-24
+    plain = backend.similarity_step(graph, f, form, backend.put(graph, f), device_lam)
+    assert np.abs(backend.get(graph, step) - backend.get(graph, plain)).max() > 1e-3
 
 
 @pytest.mark.parametrize("case", [STEPS[0][0], STEPS[1][0]], ids=lambda case: case.id)

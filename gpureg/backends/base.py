@@ -195,6 +195,22 @@ def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[
     return jumps
 
 
+def patch_lines(grid: GridGraph, radius: int) -> npt.NDArray[np.int32]:
+    """The rows of a square patch as steps along the grid's leading axes, and in rows, (n_lines, ndim)."""
+    ndim, strides = grid.ndim - 1, [math.prod(grid.shape[d + 1 : -1]) for d in range(grid.ndim - 1)]
+    side = 2 * radius + 1
+    steps = np.array(list(np.ndindex((side,) * ndim)), np.int64).reshape(side**ndim, ndim) - radius
+    lines: npt.NDArray[np.int32] = np.column_stack([steps, steps @ np.array(strides, np.int64)]).astype(np.int32)
+    return lines
+
+
+def expect_stored(weighted: Weighted) -> GridGraph:
+    """The grid of weights that are stored there, once per pair."""
+    if not isinstance(weighted.graph, GridGraph) or weighted.directed or weighted.storage == "none":
+        raise BackendUnavailable("averaged patches need weights stored on a GridGraph")
+    return weighted.graph
+
+
 class Kept:
     """Device copies of host arrays that nobody can write to, for as long as these live: uploaded once.
 
@@ -344,6 +360,19 @@ class Backend(ABC):
         """Sum of the weights around each vertex, 1 channel; of gamma(u, v)^2, where that is given."""
 
     @abstractmethod
+    def largest_weight(self, weighted: Weighted) -> Array:
+        """The largest weight around each vertex, 1 channel, 0 where there is none; of gamma(u, v)^2, where given."""
+
+    @abstractmethod
+    def aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
+    ) -> Array:
+        """Sums over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
+
+        `share` and `centre` have 1 channel; the weights are stored.
+        """
+
+    @abstractmethod
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
         """The difference d_w f, a function on the directed edges."""
 
@@ -465,15 +494,27 @@ class Backend(ABC):
         lam: float | Array,
         *,
         guide: FloatArray | None = None,
+        largest: bool = False,
         out: Array | None = None,
     ) -> Array:
         """One Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
+
+        With `largest` lam counts in units of the largest weight around each vertex.
 
         The patches are those of `guide`, a host function (n, q), or of f itself. With a fused kernel the weights are
         never stored: one step of the bilateral filter, or of nonlocal means.
         """
         weighted = self.patch_distance(graph, f if guide is None else guide, form)
+        if largest:
+            lam = self._in_units(graph, lam, self.largest_weight(weighted))
         return self.jacobi_step(weighted, self.put(graph, f), f0, None, lam, out=out)
+
+    def _in_units(self, graph: GridGraph, lam: float | Array, units: Array) -> Array:
+        """Lam times a function; what is infinite remains so."""
+        given = lam if isinstance(lam, float | int) else self.get(graph, lam)
+        fidelity = np.broadcast_to(np.asarray(given, self.dtype), (graph.n_vertices, 1))
+        finite = np.where(np.isinf(fidelity), 0, fidelity) * self.get(graph, units)
+        return self.put(graph, np.where(np.isinf(fidelity), fidelity, finite))
 
     def finish(self) -> None:  # noqa: B027
         """Wait until all that was asked for is done."""

@@ -28,6 +28,7 @@ from .base import (
     Storage,
     Weighted,
     expect_storage,
+    expect_stored,
     host_weights,
     padded_for_patches,
     padded_shape,
@@ -267,7 +268,7 @@ class NumpyBackend(Backend):
                     rho = sum((g * slab for g, slab in zip(profile, slabs, strict=True)), np.zeros((), self.dtype))
                 spatial = 1.0 if form.spatial is None else float(form.spatial[h])
                 inside, there = graph.ends(step)
-                maps = () if form.maps is None else (form.maps.reshape(*graph.shape, 2)[ends] for ends in (inside, there))
+                maps = [] if form.maps is None else [form.maps.reshape(*graph.shape, 2)[at] for at in (inside, there)]
                 weights[h][inside] = self._similarity(rho, form, spatial, *maps)
             if graph.mask is not None:
                 weights[graph.unit_half_weights() == 0] = 0
@@ -283,9 +284,9 @@ class NumpyBackend(Backend):
             rho = np.zeros(len(a), self.dtype)
             for jump, g_j in zip(jumps, g, strict=True):
                 rho += g_j * ((flat[:, a + jump] - flat[:, b + jump]) ** 2).sum(axis=0)
-            maps = () if form.maps is None else (form.maps[u], form.maps[graph.indices[edges]])
-            spatial = 1.0 if form.spatial is None else form.spatial[edges]
-            weights[edges] = self._similarity(rho, form, spatial, *maps)
+            maps = [] if form.maps is None else [form.maps[u], form.maps[graph.indices[edges]]]
+            factor = 1.0 if form.spatial is None else form.spatial[edges]
+            weights[edges] = self._similarity(rho, form, factor, *maps)
         return Weighted(graph, None, weights)
 
     def _similarity(self, rho: FloatArray, form: PatchForm, spatial: Any, *maps: FloatArray) -> FloatArray:
@@ -302,6 +303,41 @@ class NumpyBackend(Backend):
     def degree(self, weighted: Weighted) -> Array:
         one = np.ones((weighted.graph.n_vertices, 1), self.dtype)
         return self._gather(weighted, (1,), lambda u, v, edges: (edges.hold * v[0],), (one,))[0]
+
+    def largest_weight(self, weighted: Weighted) -> Array:
+        graph, largest = weighted.graph, np.zeros((weighted.graph.n_vertices, 1), self.dtype)
+        if isinstance(graph, GridGraph):
+            on_grid = largest.reshape(*graph.shape, 1)
+            for h, step in enumerate(graph.forward_offsets):
+                for at, edges in zip(graph.ends(step), self._along(weighted, h), strict=True):
+                    on_grid[at] = np.maximum(on_grid[at], edges.hold)
+            return largest
+        opposite = opposite_edges(graph.indptr, graph.indices) if weighted.directed else None
+        edges = self._of_rows(weighted, slice(0, graph.n_edges), opposite)
+        np.maximum.at(largest, graph.edge_rows(), np.broadcast_to(edges.hold, (graph.n_edges, 1)))
+        return largest
+
+    def aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
+    ) -> Array:
+        grid = expect_stored(weighted)
+
+        def over_patches(x: FloatArray) -> FloatArray:
+            for axis, size in enumerate(grid.shape):
+                around = np.pad(x, [(radius, radius) if a == axis else (0, 0) for a in range(grid.ndim)])
+                x = sum((around.take(range(j, j + size), axis) for j in range(2 * radius + 1)), np.zeros((), x.dtype))
+            return x
+
+        values, shares = f.reshape(*grid.shape, -1), share.reshape(grid.shape)
+        total = over_patches(centre.reshape(grid.shape))[..., None] * values
+        for h, step in enumerate(grid.forward_offsets):
+            start, end = grid.ends(step)
+            w = self.real(1) if weighted.weights is None else weighted.weights[h][start]
+            for here, there in ((start, end), (end, start)):
+                given = np.zeros(grid.shape, self.dtype)
+                given[here] = w * shares[here]
+                total[here] += over_patches(given)[here][..., None] * values[there]
+        return self._into(out, total.reshape(f.shape))
 
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
         graph = weighted.graph

@@ -37,10 +37,12 @@ from .base import (
     Storage,
     Weighted,
     expect_storage,
+    expect_stored,
     host_weights,
     padded_for_patches,
     padded_shape,
     patch_jumps,
+    patch_lines,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
 from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
@@ -527,10 +529,11 @@ class OpenCLBackend(Backend):
         lam: float | Array,
         *,
         guide: FloatArray | None = None,
+        largest: bool = False,
         out: Array | None = None,
     ) -> Array:
         if form.scale is None:
-            return super().similarity_step(graph, f, form, f0, lam, guide=guide, out=out)
+            return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
         layout = self._topology(graph)
         assert isinstance(layout, GridLayout)
         M = f.shape[1]
@@ -550,7 +553,8 @@ class OpenCLBackend(Backend):
             out.buffer,
         ]
         options = (*strips.options(Q), f"-DM={M}")
-        pairs = graph.ndim == 2 and not strips.gpu
+        options += ("-DLARGEST",) if largest else ()
+        pairs = graph.ndim == 2 and not strips.gpu and not largest
         args = [*strips.args(self.upload, compared, *strips.offsets(pairs), self.real), values]
         if not pairs:
             self._launch_strips("similarity_step", (*options, *lam_options), [*args, *function], strips.size, strips)
@@ -572,6 +576,23 @@ class OpenCLBackend(Backend):
     def degree(self, weighted: Weighted) -> Array:
         out = self.empty(weighted.graph, 1)
         self._run("degree", weighted, [out.buffer])
+        return out
+
+    def largest_weight(self, weighted: Weighted) -> Array:
+        out = self.empty(weighted.graph, 1)
+        self._run("degree", weighted, [out.buffer], ("-DLARGEST",))
+        return out
+
+    def aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
+    ) -> Array:
+        grid = expect_stored(weighted)
+        out = self.empty(grid, f.channels) if out is None else out
+        lines = patch_lines(grid, radius)
+        if weighted.weights is None:
+            weighted = self.prepare(grid, grid.unit_half_weights())
+        args = [np.int32(len(lines)), self.upload(lines), f.buffer, share.buffer, centre.buffer, out.buffer]
+        self._run("aggregate", weighted, args, (f"-DM={f.channels}", f"-DR={radius}"))
         return out
 
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:

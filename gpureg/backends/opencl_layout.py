@@ -212,7 +212,7 @@ class GridLayout(Layout):
         self.guard = round_up(self.jump * self.pitch + self.reach + N, N)
         self.plane = 2 * self.guard + self.rows * self.pitch
         self.weight_pitch = self.spread(round_up(self.W, N) + self.reach)
-        self.weight_guard = round_up(self.reach, N)
+        self.weight_guard = round_up(self.reach + N - 1, N)
         self.width = N
         self._rings: Buffer = None
         self.shape_buffer = upload(np.array(graph.shape, np.int32))

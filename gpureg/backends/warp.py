@@ -32,6 +32,7 @@ import warp as wp
 from ..graph import FloatArray, Graph, GridGraph, IntArray, opposite_edges
 from ..kernels.warp import (
     adjoint,
+    aggregate,
     csr,
     degree,
     difference,
@@ -61,9 +62,11 @@ from .base import (
     PatchForm,
     Storage,
     Weighted,
+    expect_stored,
     host_weights,
     padded_for_patches,
     padded_shape,
+    patch_lines,
     reflected,
 )
 
@@ -681,7 +684,29 @@ class WarpBackend(Backend):
 
     def degree(self, weighted: Weighted) -> Array:
         out = self.empty(weighted.graph, 1)
-        self._run(degree.make, weighted, (), [], out)
+        self._run(degree.make, weighted, (False,), [], out)
+        return out
+
+    def largest_weight(self, weighted: Weighted) -> Array:
+        out = self.empty(weighted.graph, 1)
+        self._run(degree.make, weighted, (True,), [], out)
+        return out
+
+    def aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
+    ) -> Array:
+        grid = expect_stored(weighted)
+        out = self.empty(grid, _channels(f)) if out is None else out
+        access = weighted.topology.access
+        # the cells of a patch as differences of places: row, x, and on three axes and more the leading axes
+        lines = patch_lines(grid, radius)
+        along = np.arange(-radius, radius + 1)
+        cells = np.empty((len(lines), len(along), 2 + (grid.ndim - 1 if grid.ndim > 2 else 0)), np.int32)
+        cells[..., 0], cells[..., 1] = lines[:, -1:], along
+        if grid.ndim > 2:
+            cells[..., 2:] = lines[:, None, :-1]
+        patch = self.upload(cells.reshape(-1, cells.shape[-1]), access.Place)
+        self._run(aggregate.make, weighted, (_channels(f),), [patch, f, share, centre], out)
         return out
 
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
@@ -841,12 +866,13 @@ class WarpBackend(Backend):
         lam: float | Array,
         *,
         guide: FloatArray | None = None,
+        largest: bool = False,
         out: Array | None = None,
     ) -> Array:
         if form.scale is None or guide is not None:
-            return super().similarity_step(graph, f, form, f0, lam, guide=guide, out=out)
+            return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
         out = self.empty(graph, f.shape[1]) if out is None else out
-        options = (isinstance(lam, wp.array),)
+        options = (isinstance(lam, wp.array), largest)
         self._launch_strips(similarity_step.make, graph, f, form, True, options, [f0, lam], out)
         return out
 

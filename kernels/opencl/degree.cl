@@ -1,4 +1,5 @@
 /* degree(u) = sum_v gamma(u, v)^2, which is sum_v w(u, v) with gamma = sqrt(w)                      (section 2.1)
+ * with LARGEST max_v of the same: what a centre as heavy as the heaviest neighbour weighs.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
@@ -17,7 +18,11 @@ __kernel void degree(
     VERTEX
     realN sum = 0;
     NEIGHBOURS
+#ifdef LARGEST
+        sum = fmax(sum, HOLD);
+#else
         sum += HOLD;
+#endif
     END
     STORE(out, AT(u, 0, 1), USED(sum));
 }

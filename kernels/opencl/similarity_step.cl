@@ -2,7 +2,7 @@
  *
  *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
  *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
- *   with MAPS as patch_distance.cl says
+ *   with MAPS as patch_distance.cl says; with LARGEST lam counts in units of the largest weight around u (not with PAIRS)
  *
  * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is infinite,
  * or the denominator is not above SMALLEST, out = f0.
@@ -30,6 +30,12 @@
 #define SIDE N /* PAIRS, SLOTS: cells of a slot's row on either side of the block, a multiple of N */
 #endif
 
+#ifdef LARGEST
+#define UNIT_OF_LAM(i) largest[i]
+#else
+#define UNIT_OF_LAM(i) 1
+#endif
+
 #define SUMS (1 + M)                             /* of the weights, and of each channel */
 #define SLOT_PITCH (B * N + 2 * SIDE)            /* a row of one of the sums in a slot */
 #define SLOT ((S + REACH) * SUMS * SLOT_PITCH)   /* numbers in a slot */
@@ -53,13 +59,16 @@
 static inline void finish(
     const realN total, const realN *pull, const int x, const long row, const int width,
     const long pitch, const long plane, const long guard,
-    __global const real *f0, __global const real *lams, const real lam_, __global real *out)
+    __global const real *f0, __global const real *lams, const real lam_, const realN unit, __global real *out)
 {
     const long u = guard + row * pitch + x;
 #ifdef LAM_ARRAY
-    const realN lam = LOAD(lams, u);
+    realN lam = LOAD(lams, u);
 #else
-    const realN lam = (realN)(lam_);
+    realN lam = (realN)(lam_);
+#endif
+#ifdef LARGEST
+    lam = isinf(lam) ? lam : lam * unit;
 #endif
     const realN denominator = lam + 2 * total;
     const laneN keeps_data = isinf(lam) || !(denominator > SMALLEST);
@@ -69,7 +78,8 @@ static inline void finish(
         STORE(out, u + c * plane, WHERE(x + LANES < width, keeps_data ? data : moved));
     }
 }
-#define FINISH(total, pull, x, row) finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, out)
+#define FINISH(total, pull, x, row, unit)                                                                              \
+    finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, (realN)(unit), out)
 
 #ifdef SLOTS
 ALONE __kernel void similarity_step(
@@ -98,7 +108,7 @@ ALONE __kernel void similarity_step(
                     for (int c = 0; c < SUMS; ++c) sum[c] += LOAD(slot, (row * SUMS + c) * SLOT_PITCH + column);
                 }
             }
-            FINISH(sum[0], sum + 1, x, (long)strip * S + y);
+            FINISH(sum[0], sum + 1, x, (long)strip * S + y, 1);
         }
 }
 #elif defined(PAIRS)
@@ -157,6 +167,10 @@ ALONE __kernel void similarity_step(
     if (x0 >= width_) return;
     realN total[S * B], pull[S * B * M], down[S * WIDE], rho[B];
     for (int i = 0; i < S * B; ++i) total[i] = 0;
+#ifdef LARGEST
+    realN largest[S * B];
+    for (int i = 0; i < S * B; ++i) largest[i] = 0;
+#endif
     for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
@@ -168,12 +182,15 @@ ALONE __kernel void similarity_step(
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
                 const realN w = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 + p * N);
                 total[y * B + p] += w;
+#ifdef LARGEST
+                largest[y * B + p] = fmax(largest[y * B + p], w);
+#endif
                 for (int c = 0; c < M; ++c) pull[(y * B + p) * M + c] += w * LOAD(f, c * padded_plane + v);
             }
         }
     }
     for (int y = 0; y < rows; ++y)
         for (int p = 0; p < B && x0 + p * N < width_; ++p)
-            FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y);
+            FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y, UNIT_OF_LAM(y * B + p));
 }
 #endif

@@ -1,4 +1,5 @@
 """degree(u) = sum_v gamma(u, v)^2, which is sum_v w(u, v) with gamma = sqrt(w)                      (section 2.1)
+with `largest` max_v of the same: what a centre as heavy as the heaviest neighbour weighs.
 
 One work item: one vertex.
 Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
@@ -13,24 +14,36 @@ from .reals import vector, writing
 
 
 @functools.cache
-def make(access):
+def make(access, largest):
     """The kernel for one kind of graph."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     number, hold = vector(real, 1), gamma.make(real, access.directed, 1, 1).hold
     put = writing(number)
 
+    if largest:
+
+        @wp.func
+        def joined(total: real, w: real) -> real:
+            return wp.max(total, w)
+
+    else:
+
+        @wp.func
+        def joined(total: real, w: real) -> real:
+            return total + w
+
     @wp.func
     def around(graph: Graph, u: Place) -> number:
-        total = number()
+        total = real(0.0)
         i = begin(graph, u)
         last = end(graph, u)
         while i < last:
             v = neighbour(graph, u, i)
             if exists(graph, v):
-                total += number(hold(edge(graph, u, i, v)))
+                total = joined(total, hold(edge(graph, u, i, v)))
             i += 1
-        return total
+        return number(total)
 
     @wp.kernel(module="unique", enable_backward=False)
     def degree(

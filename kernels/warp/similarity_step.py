@@ -3,6 +3,7 @@
   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
 
+With `largest` lam counts in units of the largest weight around u.
 Where lam is infinite, or the denominator is not above `smallest`, out = f0.
 
 One work item: a strip of cells (strip.py).
@@ -17,9 +18,10 @@ import warp as wp
 from . import reals, strip
 
 _BEGIN = """
-    V total[S], pull[S * M];
+    enum { LARGEST = %(largest)d };
+    V total[S], pull[S * M], heaviest[S];
     for (int y = 0; y < S; ++y)
-        total[y] = V{};
+        total[y] = heaviest[y] = V{};
     for (int i = 0; i < S * M; ++i)
         pull[i] = V{};
 """
@@ -28,6 +30,8 @@ _WEIGHTS = """
             const long long v = centre0 + y * p.pitch + ahead;
             const V w = T(2) * similarity(rho[y], k, centre0 + y * p.pitch) * WP_GPUREG_LOAD(p.inside.data + v);
             total[y] += w;
+            if (LARGEST)
+                heaviest[y] = w > heaviest[y] ? w : heaviest[y];
             for (int c = 0; c < M; ++c)
                 pull[y * M + c] += w * WP_GPUREG_LOAD(p.f.data + c * p.plane + v);
         }
@@ -38,7 +42,8 @@ _END = """
         for (int l = 0; l < columns; ++l) {
             const long long u = cell0 + (long long)y * width + l;
             // a cell outside the mask has no edges
-            const T fidelity = LAM, kept = within[l] > T(0) ? T(1) : T(0);
+            const T given = LAM, unit = LARGEST ? T(0.5) * ((const T*)&heaviest[y])[l] : T(1);
+            const T fidelity = wp::isinf(given) ? given : given * unit, kept = within[l] > T(0) ? T(1) : T(0);
             const T denominator = fidelity + kept * ((const T*)&total[y])[l];
             const bool moves = denominator > smallest && !wp::isinf(fidelity);
             for (int c = 0; c < M; ++c) {
@@ -52,14 +57,18 @@ _END = """
 
 
 @functools.cache
-def make(real, ndim, M, R, maps, lam_array, N, S):
+def make(real, ndim, M, R, maps, lam_array, largest, N, S):
     """The kernel for a grid of so many axes, M channels, patches of radius R, and packs of N cells on S rows."""
     Patches, function = strip.struct(real), reals.vector(real, M)
     lam_type = wp.array2d(dtype=reals.vector(real, 1)) if lam_array else real
     smallest = reals.smallest(real)
     end = _END.replace("LAM", "((const T*)lam.data)[u]" if lam_array else "lam")
 
-    @wp.func_native(strip.source(real, ndim, M, R, N, S, maps=maps, begin=_BEGIN, weights=_WEIGHTS, end=end))
+    @wp.func_native(
+        strip.source(
+            real, ndim, M, R, N, S, maps=maps, begin=_BEGIN % {"largest": int(largest)}, weights=_WEIGHTS, end=end
+        )
+    )
     def step(
         p: Patches,
         f0: wp.array2d(dtype=function),

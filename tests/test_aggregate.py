@@ -1,0 +1,152 @@
+"""Averaged patches and the largest weight: the oracle against loops, every device against the oracle."""
+
+from __future__ import annotations
+
+import itertools
+
+import bounds
+import cases
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
+
+from gpureg import backends
+from gpureg.backends import BackendUnavailable
+from gpureg.graph import GridGraph
+
+# graph, channels, radius of the patch, dtype
+CASES = (
+    ("grid", 2, 2, "float32"),
+    ("grid", 1, 1, "float64"),
+    ("disk", 1, 3, "float32"),
+    ("masked", 3, 1, "float32"),
+    ("narrow", 1, 4, "float32"),
+    ("row", 2, 7, "float32"),
+    ("volume", 1, 1, "float32"),
+    ("four axes", 1, 1, "float32"),
+    ("pixel", 1, 2, "float32"),
+)
+
+
+def literal(grid, w, f, share, centre, radius):
+    """The equation, term by term; w(u, v) by the places of the two."""
+    cells = set(itertools.product(*map(range, grid.shape)))
+    number = {cell: i for i, cell in enumerate(itertools.product(*map(range, grid.shape)))}
+    patch = list(itertools.product(range(-radius, radius + 1), repeat=grid.ndim))
+    total = np.zeros_like(f)
+    for x in number:
+        for o in [(0,) * grid.ndim, *map(tuple, grid.offsets.tolist())]:
+            y = tuple(a + b for a, b in zip(x, o, strict=True))
+            if y not in cells:
+                continue
+            for j in patch:
+                u = tuple(a - b for a, b in zip(x, j, strict=True))
+                v = tuple(a + b for a, b in zip(u, o, strict=True))
+                if u not in cells or v not in cells:
+                    continue
+                part = share[number[u]] * w[u, v] if any(o) else centre[number[u]]
+                total[number[x]] += part * f[number[y]]
+    return total
+
+
+@pytest.mark.parametrize("name", ["small grid", "small masked", "small row", "small volume"])
+def test_the_oracle_is_the_equation(name):
+    grid, half = cases.graph(name), cases.weights(name)
+    generator = cases.rng(47)
+    f, share, centre = generator.random((grid.n_vertices, 2)), *generator.random((2, grid.n_vertices, 1))
+    csr = grid.to_graph(half)
+    places = [tuple(int(c) for c in cell) for cell in np.ndindex(grid.shape)]
+    w = dict.fromkeys(itertools.product(places, places), 0.0)
+    w |= {
+        (places[u], places[v]): weight for u, v, weight in zip(csr.edge_rows(), csr.indices, csr.weights, strict=True)
+    }
+    weighted = oracle().prepare(grid, half)
+    expected = literal(grid, w, f, share, centre, 1)
+    assert_allclose(oracle().aggregate(weighted, f, share, centre, 1), expected, rtol=1e-13)
+
+
+def check(backend, name, channels, radius):
+    """Sums of positive products with a signed F: P cells and D neighbours added, four roundings a term."""
+    grid, half = cases.graph(name), cases.weights(name)
+    generator = cases.rng(53)
+    f = cases.function(grid, channels)
+    share, centre = generator.random((2, grid.n_vertices, 1), dtype=np.float32).astype(np.float64)
+    exact = oracle().prepare(grid, half)
+    expected = oracle().aggregate(exact, f, share, centre, radius)
+    sizes = oracle().aggregate(exact, np.abs(f), share, centre, radius)
+    limit = bounds.Bounds(grid, half, backend.dtype.name)
+    terms = (2 * radius + 1) ** grid.ndim + len(grid.offsets) + 5
+    weighted = backend.prepare(grid, half)
+    out = nan(backend, grid, channels)
+    args = [backend.put(grid, x) for x in (f, share, centre)]
+    assert backend.aggregate(weighted, *args, radius, out=out) is out
+    actual = backend.get(grid, out)
+    assert_within(actual, expected, limit.slack * limit.gamma(terms) * sizes, "aggregate")
+    assert backend.get(grid, backend.aggregate(weighted, *args, radius)).tobytes() == actual.tobytes()
+    largest = backend.get(grid, backend.largest_weight(weighted))
+    np.testing.assert_array_equal(largest, oracle().largest_weight(exact))  # weights that both types hold exactly
+
+
+@pytest.mark.parametrize(("name", "channels", "radius", "dtype"), CASES)
+def test_devices(device, name, channels, radius, dtype):
+    check(backends.get(device, dtype), name, channels, radius)
+
+
+@pytest.mark.parametrize("name", ["grid", "row", "volume"])
+def test_as_a_gpu_takes_it(monkeypatch, device, name):
+    if device.startswith("numpy"):
+        pytest.skip("numpy has no other way for a GPU")
+    check(as_gpu(device, "float32", monkeypatch), name, 1, 2)
+
+
+@pytest.mark.parametrize("name", ["csr", "small csr, unweighted", "csr, one vertex"])
+def test_the_largest_weight_on_a_stored_graph(device, name):
+    graph = cases.graph(name)
+    backend = backends.get(device)
+    largest = backend.get(graph, backend.largest_weight(backend.prepare(graph, None)))
+    w = np.ones(graph.n_edges) if graph.weights is None else graph.weights
+    expected = [max([0.0, *w[a:b]]) for a, b in itertools.pairwise(graph.indptr)]
+    np.testing.assert_array_equal(largest[:, 0], expected)
+
+
+def test_half_weights_are_averaged_too(device):
+    backend, grid = backends.get(device), cases.graph("grid")
+    if "half" not in backend.storages:
+        pytest.skip("weights in float16 are OpenCL's")
+    f, form = cases.function(grid), PatchCase("grid", radius=1, scale=0.5).form(grid)
+    args = [backend.put(grid, x) for x in (f, np.ones_like(f), np.ones_like(f))]
+    half, full = (
+        backend.get(grid, backend.aggregate(backend.patch_distance(grid, f, form, storage=storage), *args, 1))
+        for storage in ("half", "full")
+    )
+    # a weight is off by 2^-11 of its size at most, and so is a sum of positive terms
+    sizes = oracle().aggregate(oracle().patch_distance(grid, f, form), np.abs(f), np.ones_like(f), np.ones_like(f), 1)
+    assert (np.abs(half - full) <= (2.0**-11 + 1e-5) * sizes).all()
+    assert (half != full).any()
+
+
+def test_only_stored_weights_of_a_grid(device):
+    backend, csr = backends.get(device), cases.graph("small csr")
+    f = backend.put(csr, np.ones((csr.n_vertices, 1)))
+    with pytest.raises(BackendUnavailable, match="stored on a GridGraph"):
+        backend.aggregate(backend.prepare(csr, None), f, f, f, 1)
+
+
+def test_a_part_has_the_bits_of_the_whole(device):
+    """A band whose halo is the window's reach, the patch's, and that of the patches that are compared."""
+    backend = backends.get(device)
+    whole, first, halo = GridGraph((61, 43), 3), 16, 3 + 2 * 2
+    f = cases.function(whole).reshape(*whole.shape)
+    form = PatchCase("", radius=2, scale=0.5).form(whole)
+
+    def aggregated(values):
+        grid = GridGraph(values.shape, 3)
+        values = values.reshape(-1, 1)
+        ones = backend.put(grid, np.ones_like(values))
+        weighted = backend.patch_distance(grid, values, form)
+        return backend.get(grid, backend.aggregate(weighted, backend.put(grid, values), ones, ones, 2)).reshape(
+            grid.shape
+        )
+
+    np.testing.assert_array_equal(aggregated(f[first:])[halo:], aggregated(f)[first + halo :])
