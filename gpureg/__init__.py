@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from . import operators, spectral, weights
 from .backends import BackendUnavailable
+from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
 from .image import denoise_image, run_plan
@@ -11,6 +12,7 @@ from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
 from .noise import estimate_noise
+from .patch_graph import patch_graph
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .reorder import reordered
@@ -31,12 +33,16 @@ __all__ = [
     "Result",
     "Stop",
     "__version__",
+    "denoise_bilateral",
     "denoise_image",
+    "denoise_nl_means",
+    "denoise_tv",
     "estimate_noise",
     "from_networkx",
     "inpaint_image",
     "memory_needed",
     "operators",
+    "patch_graph",
     "plan_denoising",
     "propagate_labels",
     "read_graph",

@@ -14,12 +14,14 @@ import numpy.typing as npt
 from . import backends
 from .graph import GridGraph, Metric
 from .memory import budget
-from .plan import DenoisePlan, checked, filled, plan_denoising, weights_of
-from .problem import default_eps
+from .patch_graph import nearest_patches
+from .plan import DenoisePlan, checked, filled, guided_by, plan_denoising, weights_of
+from .problem import as_function, default_eps
 from .regularization import one_sweep, regularize
 from .result import Interrupted, Result, Stop
 from .solvers import Jacobi, Solver, resolve
 from .solvers.loop import Callback
+from .tiles import OneStep
 from .weights import Weights, patch_weights
 
 
@@ -32,10 +34,16 @@ def denoise_image(
     radius: float | None = None,
     metric: Metric | None = None,
     weights: Weights | npt.ArrayLike | None = None,
+    guide: npt.ArrayLike | None = None,
+    nearest: int | None = None,
+    gamma: str | npt.ArrayLike = "sqrt",
+    norm: str = "vertex",
+    coupled: bool = True,
     solver: str | Solver = "jacobi",
     max_iter: int | None = None,
     tol: float | None = None,
     eps: float | None = None,
+    update_weights: int | None = None,
     mask: npt.ArrayLike | None = None,
     spacing: Sequence[float] | None = None,
     channel_axis: int | None = None,
@@ -64,6 +72,14 @@ def denoise_image(
         Shape of the window: square, disk or diamond.
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights`, or one value per directed edge of the grid.
+    guide : array, optional
+        What the weights compare instead of `image`, e.g. a cleaner picture of the same scene: on the same pixels, with
+        channels of its own along `channel_axis` (by default the last axis) or without.
+    nearest : int, optional
+        Keep only the edges to so many nearest patches of each pixel's window (:func:`gpureg.patch_graph`): what makes
+        nonlocal iterations with p other than 2 affordable. `weights` must be patch weights.
+    gamma, norm, coupled, update_weights
+        As in :func:`gpureg.regularize`.
     solver : str or Solver, default "jacobi"
     max_iter : int, optional
     tol : float, optional
@@ -126,9 +142,13 @@ def denoise_image(
         spacing=spacing,
         channel_axis=channel_axis,
     )
+    if nearest is not None:
+        plan = replace(plan, nearest=nearest)
+    model = {"gamma": gamma, "norm": norm, "coupled": coupled, "update_weights": update_weights}
     return run_plan(
         plan,
         image,
+        guide=guide,
         solver=solver,
         mask=mask,
         channel_axis=channel_axis,
@@ -137,6 +157,7 @@ def denoise_image(
         callback=callback,
         progress=progress,
         memory=memory,
+        **model,
     ).value
 
 
@@ -152,8 +173,10 @@ def run_plan(
     callback: Callback | None = None,
     progress: bool = False,
     memory: int | None = None,
+    guide: npt.ArrayLike | None = None,
+    **model: Any,
 ) -> Result:
-    """Carry out a plan; the parameters are those of :func:`denoise_image`.
+    """Carry out a plan; the parameters are those of :func:`denoise_image`, `model` those of :func:`gpureg.regularize`.
 
     Returns
     -------
@@ -189,18 +212,39 @@ def run_plan(
     if inside is not None and not inside.all():
         f0 = filled(f0, inside)
     eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
-    settings: dict[str, Any] = dict(
-        p=plan.p, lam=plan.lam, eps=eps, solver=solver, max_iter=plan.max_iter, tol=plan.tol,
-        backend=backend, dtype=kind, memory=memory, progress=progress,
-    )  # fmt: skip
+    weights = weights_of(plan, f0) if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
+    common: dict[str, Any] = dict(
+        lam=plan.lam, eps=eps, weights=weights, backend=backend, dtype=kind, memory=memory, progress=progress
+    )
+    settings = dict(p=plan.p, solver=solver, max_iter=plan.max_iter, tol=plan.tol, callback=callback, **model)
     with _converted(array, channel_axis, inside):
-        if callback is None and _is_one_sweep(plan, solver):
-            settings = {name: settings[name] for name in ("lam", "eps", "backend", "dtype", "memory", "progress")}
-            result = one_sweep(f0, grid, weights=weights_of(plan, f0), **settings)
+        if plan.centre == "largest" or plan.average_patches:
+            step = OneStep(plan.centre == "largest", _patch_radius(plan) if plan.average_patches else None)
+            result = one_sweep(f0, grid, step=step, **common)
+        elif plan.nearest is not None:
+            nodes = as_function(grid, f0, "image")
+            graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=kind)
+            result = regularize(nodes, graph, **common, **settings)
+            result = replace(result, value=result.value.reshape(f0.shape))
+        elif callback is None and _is_plain(model) and _is_one_sweep(plan, solver):
+            result = one_sweep(f0, grid, **common)
         else:
-            result = regularize(f0, grid, weights=weights_of(plan, f0), callback=callback, **settings)
+            result = regularize(f0, grid, **common, **settings)
     value = _as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
+
+
+def _is_plain(model: dict[str, Any]) -> bool:
+    """Whether nothing of the model but what a plan says is other than by default (at p = 2 channels are alone)."""
+    gamma = model.get("gamma", "sqrt")
+    by_name = isinstance(gamma, str) and gamma == "sqrt"
+    return by_name and model.get("norm", "vertex") == "vertex" and model.get("update_weights") is None
+
+
+def _patch_radius(plan: DenoisePlan) -> int:
+    found = patch_weights(plan.weights)
+    assert found is not None
+    return found[0].reach
 
 
 def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from .graph import GridGraph, Metric, all_finite, unmasked
 from .noise import estimate_noise
-from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, patch
+from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, guided, patch
+
+Centre = Literal["once", "largest", "none"]
+CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
 
 # Brightness and two opponent colours, orthonormal; the colours count less, having less detail than noise.
 _CHROMA = 0.45
@@ -44,6 +47,13 @@ class DenoisePlan:
         Size of a pixel along each axis, None where the window is one of cells.
     window : tuple of int
         Sides of the neighbourhood in cells.
+    centre : {"once", "largest", "none"}
+        What lam = 2 makes of a pixel's own value in one sweep at p = 2: weight 1, the largest weight around it, or none
+        (lam is 0 then).
+    average_patches : bool
+        Whether each patch is estimated as a whole, and a pixel is the mean over all patches that cover it.
+    nearest : int or None
+        Edges kept of each pixel, those to the nearest patches; None for the whole window.
     """
 
     sigma: float | None
@@ -59,6 +69,9 @@ class DenoisePlan:
     opponent: bool = False
     spacing: tuple[float, ...] | None = None
     window: tuple[int, ...] = ()
+    centre: Centre = "once"
+    average_patches: bool = False
+    nearest: int | None = None
 
     def describe(self) -> str:
         """The plan in one line."""
@@ -77,6 +90,8 @@ class DenoisePlan:
             colours = ", opponent colours" if self.opponent else ""
             patches = "x".join([str(2 * w.radius + 1)] * len(self.window)) + f" {shape} patches"
             kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
+            kind += ", averaged patches" if self.average_patches else ""
+            kind += f", {self.nearest} nearest" if self.nearest else ""
         elif isinstance(w, Bilateral):
             kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
             kind += f", sigma_value = {w.sigma_value:.4g}"
@@ -85,6 +100,7 @@ class DenoisePlan:
         else:
             kind = f"{type(w).__name__} weights, {window}"
         lam = f"{float(self.lam):.4g}" if np.ndim(self.lam) == 0 else "a map"  # type: ignore[arg-type]
+        lam += " of the largest weight" if self.centre == "largest" else ""
         iterations = "1 iteration" if self.max_iter == 1 else f"at most {self.max_iter} iterations"
         return f"{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
 
@@ -225,6 +241,32 @@ def weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLi
         # not a matrix product, whose order of sums may depend on where a pixel lies
         guide[..., c] = r * red + g * green + b * blue
     return Guided(plan.weights, guide.reshape(-1, 3))
+
+
+def guided_by(
+    weights: Weights | npt.ArrayLike, guide: npt.ArrayLike, grid: GridGraph, channel_axis: int | None
+) -> Weights:
+    """A weight function that compares a guide: an image of the grid's shape, or with channels as the image has them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        No weight function, or a guide of another shape, or not of finite numbers.
+    """
+    if not isinstance(weights, Weights):
+        raise TypeError("a guide needs weights that are computed from it, such as gpureg.weights.bilateral(...)")
+    array = unmasked(guide, "guide")
+    axis = -1 if channel_axis is None else channel_axis
+    cells = array[..., None] if array.ndim == grid.ndim else np.moveaxis(array, axis, -1) if array.ndim else array
+    if cells.shape[:-1] != grid.shape or array.dtype.kind not in "biuf":
+        raise ValueError(
+            f"guide must hold numbers on the image's {grid.shape} pixels, with channels or without; "
+            f"got {array.dtype} of shape {array.shape}"
+        )
+    values: npt.NDArray[Any] = cells.astype(np.float64)
+    if grid.mask is not None and not grid.mask.all():
+        values = filled(values, grid.mask)
+    return guided(weights, values.reshape(grid.n_vertices, -1))
 
 
 def checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> npt.NDArray[Any]:

@@ -17,7 +17,7 @@ from .problem import DeviceProblem, Problem, as_function
 from .result import Interrupted, Result, Stop
 from .solvers import Jacobi, Solver, resolve, run
 from .solvers.loop import Callback, progress_bar
-from .tiles import Tile, Tiling, halo, run_in_tiles, step_in_tiles, tiling, why_whole, work_of
+from .tiles import OneStep, Tile, Tiling, halo, run_in_tiles, step_in_tiles, tiling, why_whole, work_of
 from .weights import Weights
 
 # Bytes of a tile of a sweep that stores no weights.
@@ -302,11 +302,12 @@ def one_sweep(
     dtype: npt.DTypeLike | None = None,
     memory: int | None = None,
     progress: bool = False,
+    step: OneStep | None = None,
 ) -> Result:
     """:func:`regularize` with p = 2, one undamped Jacobi sweep, and weights that are computed but not stored.
 
     `weights` are such as :func:`gpureg.weights.patch_weights` finds. An energy needs stored weights: the result has
-    none. An interruption leaves no iterate.
+    none. An interruption leaves no iterate. `step` says what the sweep does besides the book.
     """
     begin = time.perf_counter()
     kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
@@ -315,20 +316,22 @@ def one_sweep(
     )
     device = backends.get(backend, kind)
     allowed = budget(device, memory)
+    step = OneStep() if step is None else step
+    averages = step.averaged is not None  # from stored weights, with the channel that is divided by, and its shares
     job = Job(
-        channels=problem.f0.shape[1],
+        channels=problem.f0.shape[1] + averages,
         weights=problem.weights,
-        per_vertex=not isinstance(problem.lam, float),
-        stored=False,
+        per_vertex=averages or not isinstance(problem.lam, float),
+        stored=averages,
     )
     # Smaller tiles cost nothing here, where a halo is one window wide, and leave the host its memory.
     small = Budget(min(allowed.total, _STEP_BYTES), min(allowed.largest, _STEP_BYTES), allowed.asked)
     whole = (slice(0, s) for s in graph.shape)
     tiles = Tiling(1, (Tile(*[tuple(whole)] * 2),))
     if not small.holds(job.need(graph, device)):
-        tiles = tiling(graph, job, device, small, lambda n: halo(problem, n), work_of(problem, stored=False), 1)
+        tiles = tiling(graph, job, device, small, lambda n: step.halo(problem), work_of(problem, stored=averages), 1)
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
-        value = step_in_tiles(problem, device, tiles, lambda done, of: report(done))
+        value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
     return Result(
         value=_as_given(value, f0, graph),
         iterations=1,
@@ -337,7 +340,10 @@ def one_sweep(
         checks=np.empty(0, np.int64),
         gap=None,
         eps=problem.eps,
-        method="Gauss-Jacobi (eq. 25), its weights computed and not stored.",
+        method="Gauss-Jacobi (eq. 25), "
+        + (
+            "each patch estimated as a whole, patches averaged." if averages else "its weights computed and not stored."
+        ),
         backend=repr(device),
         seconds=time.perf_counter() - begin,
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .backends import Array, Backend
+from .backends import Array, Backend, Weighted
 from .graph import FloatArray, GridGraph, all_finite
 from .memory import Budget, Job, Need, readable
 from .problem import DeviceProblem, Problem
@@ -389,14 +389,37 @@ def _change(a: FloatArray, b: FloatArray, scale: FloatArray | None, part: Proble
     return largest if math.isfinite(largest) else math.inf
 
 
-def step_in_tiles(problem: Problem, backend: Backend, tiles: Tiling, report: Callable[[int, int], None]) -> FloatArray:
-    """One sweep at p = 2 of patch weights that are not stored, tile by tile, (n, m)."""
+@dataclass(frozen=True)
+class OneStep:
+    """What one sweep at p = 2 with patch weights does besides the book.
+
+    Attributes
+    ----------
+    largest : bool
+        lam counts in units of the largest weight around each vertex.
+    averaged : int or None
+        Radius of the patches whose estimates are averaged, each patch being estimated as a whole; None estimates each
+        vertex by its own patch alone.
+    """
+
+    largest: bool = False
+    averaged: int | None = None
+
+    def halo(self, problem: Problem) -> tuple[int, ...]:
+        """Cells along each axis from which data reach a vertex."""
+        return tuple(cells + (self.averaged or 0) for cells in halo(problem, 1))
+
+
+def step_in_tiles(
+    problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
+) -> FloatArray:
+    """One sweep at p = 2 of patch weights, which are kept for a tile at most, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
     for i, tile in enumerate(tiles.tiles):
         part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
-        kept = _kept(part.graph, _step(part, backend), tile)
+        kept = _kept(part.graph, _step(part, backend, step), tile)
         if not all_finite(kept):
             expect_finite(backend, 1, math.nan)
         value.reshape(*grid.shape, -1)[tile.own] = kept
@@ -404,7 +427,7 @@ def step_in_tiles(problem: Problem, backend: Backend, tiles: Tiling, report: Cal
     return value
 
 
-def _step(part: Problem, backend: Backend) -> FloatArray:
+def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     grid, found = part.graph, patch_weights(part.weights)
     assert isinstance(grid, GridGraph) and found is not None
     function: PatchWeights
@@ -412,5 +435,42 @@ def _step(part: Problem, backend: Backend) -> FloatArray:
     f = part.f0.astype(backend.dtype, copy=False)
     guide = None if guided is None else guided.of(grid).astype(backend.dtype, copy=False)
     form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
+    if step.averaged is not None:
+        weighted = backend.patch_distance(grid, f if guide is None else guide, form)
+        return _averaged(grid, backend, weighted, f, part.lam, step.largest, step.averaged)
     lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
-    return backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam, guide=guide))
+    on_device = backend.put(grid, f)
+    return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
+
+
+def _averaged(
+    grid: GridGraph,
+    backend: Backend,
+    weighted: Weighted,
+    f: FloatArray,
+    lam: float | FloatArray,
+    largest: bool,
+    radius: int,
+) -> FloatArray:
+    """Every vertex' mean over the estimates of all patches that cover it (``aggregate``).
+
+    The patch around u is estimated as the mean of the patches around its neighbours v with the weights w(u, v), and of
+    its own with lam/2 (at p = 2 a neighbour counts 2 w).
+    """
+    inside = np.ones((grid.n_vertices, 1)) if grid.mask is None else grid.mask.reshape(-1, 1).astype(np.float64)
+    fidelity = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), inside.shape)
+    pinned = np.isinf(fidelity)
+    centre = np.where(pinned, 0, fidelity) / 2
+    if largest:
+        centre = centre * backend.get(grid, backend.largest_weight(weighted))
+    total = centre + backend.get(grid, backend.degree(weighted))
+    # a vertex without weights is its own estimate, as one that is pinned
+    alone = ~(total > np.finfo(backend.dtype).tiny * 1e8) | pinned
+    share = np.divide(1.0, total, out=np.zeros_like(total), where=~alone)
+    centre = np.where(alone, 1.0, centre * share) * inside
+    F = np.concatenate([np.where(inside > 0, f, 0), inside], axis=1)
+    values, shares, centres = (backend.put(grid, x) for x in (F, share, centre))
+    sums = backend.get(grid, backend.aggregate(weighted, values, shares, centres, radius))
+    weight = sums[:, -1:]
+    known = (weight > 0) & ~pinned & (inside > 0)
+    return np.divide(sums[:, :-1], weight, out=f.copy(), where=known)

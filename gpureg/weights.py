@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import weakref
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -170,6 +170,71 @@ def _positive(name: str, value: float, *, infinite: bool = False) -> float:
     return float(value)
 
 
+@dataclass(frozen=True, eq=False)
+class PerVertex:
+    """A parameter with a value of its own at every vertex, (n,)."""
+
+    values: FloatArray
+
+    @property
+    def middle(self) -> float:
+        """A typical value."""
+        return float(np.median(self.values))
+
+    def __format__(self, spec: str) -> str:
+        return "a map"
+
+    def on(self, graph: AnyGraph, name: str) -> FloatArray:
+        """The values, once there is one for every vertex of the graph."""
+        if len(self.values) != graph.n_vertices:
+            raise ValueError(
+                f"{name} must be a number or hold {graph.n_vertices} values, one per vertex; got {len(self.values)}"
+            )
+        return self.values
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...], name: str) -> PerVertex:
+        """The values of a part of the grid."""
+        return PerVertex(_rows_of(self.on(grid, name)[:, None], grid, box)[:, 0])
+
+
+Parameter = float | PerVertex
+
+
+def _parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False, zero: bool = False) -> Parameter:
+    """A number > 0 (or 0, or infinite), or one per vertex."""
+    if np.ndim(value) > 0:
+        values = np.array(value, dtype=np.float64).ravel()
+        low = values >= 0 if zero else values > 0
+        if not (low.all() and np.isfinite(values).all()):
+            raise ValueError(f"a map of {name} must be finite and {'>= 0' if zero else '> 0'} everywhere")
+        return PerVertex(values)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise TypeError(f"{name} must be a number, or one per vertex, got {value!r}")
+    if zero and not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} must be finite and >= 0, got {value}")
+    return float(value) if zero else _positive(name, float(value), infinite=infinite)
+
+
+def _part(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
+    return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
+
+
+def _strengths(parameter: Parameter, graph: AnyGraph, name: str) -> tuple[float, FloatArray | None]:
+    """A bandwidth as one number, and what each vertex multiplies its inverse by: h(u) h(v) in the place of h^2."""
+    if not isinstance(parameter, PerVertex):
+        return parameter, None
+    return parameter.middle, parameter.middle / parameter.on(graph, name)
+
+
+def _maps(graph: AnyGraph, taken: FloatArray | None, strength: FloatArray | None) -> FloatArray | None:
+    """The maps of a :class:`PatchForm`."""
+    if taken is None and strength is None:
+        return None
+    n = graph.n_vertices
+    columns = (np.zeros(n) if taken is None else taken, np.ones(n) if strength is None else strength)
+    return np.stack(columns, axis=-1)
+
+
 def _inverse_square(sigma: float, dtype: npt.DTypeLike) -> float:
     """1/sigma^2, at most the largest number of the type: infinity times a distance of 0 is no number."""
     with np.errstate(over="ignore", divide="ignore"):
@@ -196,7 +261,11 @@ class Bilateral(PatchWeights):
     """See :func:`bilateral`."""
 
     sigma_space: float
-    sigma_value: float
+    sigma_value: Parameter
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself, with the part of its map."""
+        return replace(self, sigma_value=_part(self.sigma_value, grid, box, "sigma_value"))
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """The weights w1: patches of one vertex."""
@@ -209,7 +278,8 @@ class Bilateral(PatchWeights):
             else:
                 squares = _squared_distances(_positions(graph), graph.edge_rows(), graph.indices, self.sigma_space)
             spatial = np.exp(-squares)
-        return PatchForm(np.ones(1), 0.0, _inverse_square(self.sigma_value, dtype), spatial)
+        sigma, strength = _strengths(self.sigma_value, graph, "sigma_value")
+        return PatchForm(np.ones(1), 0.0, _inverse_square(sigma, dtype), spatial, _maps(graph, None, strength))
 
 
 @dataclass(frozen=True)
@@ -217,14 +287,18 @@ class Patch(PatchWeights):
     """See :func:`patch`."""
 
     radius: int
-    h: float
-    sigma: float = 0.0
+    h: Parameter
+    sigma: Parameter = 0.0
     a: float | None = None
 
     @property
     def reach(self) -> int:
         """The patch's radius."""
         return self.radius
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself, with the part of its maps."""
+        return replace(self, h=_part(self.h, grid, box, "h"), sigma=_part(self.sigma, grid, box, "sigma"))
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """The weights w2."""
@@ -234,7 +308,12 @@ class Patch(PatchWeights):
             profile = profile / profile.sum()
         ndim = graph.ndim if isinstance(graph, GridGraph) else 1 if graph.grid is None else graph.grid.ndim
         samples = channels * profile.sum() ** ndim
-        return PatchForm(profile, 2 * self.sigma**2 * samples, _inverse_square(self.h, dtype))
+        h, strength = _strengths(self.h, graph, "h")
+        if isinstance(self.sigma, PerVertex):
+            taken, shift = self.sigma.on(graph, "sigma") ** 2 * samples, 0.0
+        else:
+            taken, shift = None, 2 * self.sigma**2 * samples
+        return PatchForm(profile, shift, _inverse_square(h, dtype), maps=_maps(graph, taken, strength))
 
 
 @dataclass(frozen=True)
@@ -257,6 +336,11 @@ class Held(PatchWeights):
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """That of the weight function."""
         return self.weights.form(graph, channels, dtype)
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """The weight function's part, held likewise."""
+        weights = self.weights.part(grid, box)
+        return replace(self, weights=weights) if isinstance(weights, PatchWeights) else None
 
 
 @dataclass(frozen=True)
@@ -344,7 +428,7 @@ def constant() -> Weights:
     return Constant()
 
 
-def bilateral(sigma_space: float, sigma_value: float) -> Weights:
+def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights:
     """Bilateral weights w1: near in space and alike in value.
 
     Parameters
@@ -352,13 +436,14 @@ def bilateral(sigma_space: float, sigma_value: float) -> Weights:
     sigma_space : float
         sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity leaves the spatial factor
         out.
-    sigma_value : float
-        sigma_X > 0, in the data's units; infinity leaves the factor of the values out.
+    sigma_value : float or (n,) array
+        sigma_X > 0, in the data's units; infinity leaves the factor of the values out. With one value per vertex
+        sigma_X(u) sigma_X(v) takes the place of sigma_X^2.
 
     Raises
     ------
     TypeError, ValueError
-        A sigma that is not a number > 0.
+        A sigma that is not a number > 0; at use, a map for another number of vertices.
 
     Notes
     -----
@@ -374,11 +459,13 @@ def bilateral(sigma_space: float, sigma_value: float) -> Weights:
     array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
     """
     return Bilateral(
-        _positive("sigma_space", sigma_space, infinite=True), _positive("sigma_value", sigma_value, infinite=True)
+        _positive("sigma_space", sigma_space, infinite=True), _parameter("sigma_value", sigma_value, infinite=True)
     )
 
 
-def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) -> Weights:
+def patch(
+    radius: int, h: float | npt.ArrayLike, *, sigma: float | npt.ArrayLike = 0.0, a: float | None = None
+) -> Weights:
     """Nonlocal weights w2: alike in the values of a patch around each vertex.
 
     Parameters
@@ -386,11 +473,12 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
     radius : int
         k' >= 0 of the patch of side 2 k' + 1. Radius 0 compares the data of the vertices alone and serves any graph; a
         larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge cell.
-    h : float
-        Filtering parameter > 0: in the data's units times the square root of the sum of g.
-    sigma : float, default 0
+    h : float or (n,) array
+        Filtering parameter > 0: in the data's units times the square root of the sum of g. With one value per vertex
+        h(u) h(v) takes the place of h^2, so that the weights stay symmetric.
+    sigma : float or (n,) array, default 0
         Standard deviation of the noise: 2 sigma^2 is taken off the distance per sample and channel, what is negative
-        counts as 0.
+        counts as 0. With one value per vertex it is sigma(u)^2 + sigma(v)^2.
     a : float, optional
         Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch:
         g = 1.
@@ -398,7 +486,7 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
     Raises
     ------
     TypeError, ValueError
-        A radius that is not an integer >= 0, h or a not > 0, sigma < 0.
+        A radius that is not an integer >= 0, h or a not > 0, sigma < 0; at use, a map for another number of vertices.
 
     Notes
     -----
@@ -410,11 +498,12 @@ def patch(radius: int, h: float, *, sigma: float = 0.0, a: float | None = None) 
         raise TypeError(f"the patch's radius must be an integer, got {radius!r}")
     if radius < 0:
         raise ValueError(f"the patch's radius must be >= 0, got {radius}")
-    if isinstance(sigma, bool) or not isinstance(sigma, int | float | np.floating | np.integer):
-        raise TypeError(f"sigma must be a number, got {sigma!r}")
-    if not (math.isfinite(sigma) and sigma >= 0):
-        raise ValueError(f"sigma must be finite and >= 0, got {sigma}")
-    return Patch(int(radius), _positive("h", h), float(sigma), None if a is None else _positive("a", a))
+    return Patch(
+        int(radius),
+        _parameter("h", h),
+        _parameter("sigma", sigma, zero=True),
+        None if a is None else _positive("a", a),
+    )
 
 
 def inverse_distance(power: float = 2) -> Weights:
