@@ -215,6 +215,14 @@ def _parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = Fals
     return float(value) if zero else _positive(name, float(value), infinite=infinite)
 
 
+def _share(name: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise TypeError(f"{name} must be a number, got {value!r}")
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} must lie in 0..1, got {value}")
+    return float(value)
+
+
 def _part(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
     return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
 
@@ -290,6 +298,7 @@ class Patch(PatchWeights):
     h: Parameter
     sigma: Parameter = 0.0
     a: float | None = None
+    cut: float = 0.0
 
     @property
     def reach(self) -> int:
@@ -313,7 +322,8 @@ class Patch(PatchWeights):
             taken, shift = self.sigma.on(graph, "sigma") ** 2 * samples, 0.0
         else:
             taken, shift = None, 2 * self.sigma**2 * samples
-        return PatchForm(profile, shift, _inverse_square(h, dtype), maps=_maps(graph, taken, strength))
+        maps = _maps(graph, taken, strength)
+        return PatchForm(profile, shift, _inverse_square(h, dtype), maps=maps, cut=self.cut)
 
 
 @dataclass(frozen=True)
@@ -464,7 +474,12 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
 
 
 def patch(
-    radius: int, h: float | npt.ArrayLike, *, sigma: float | npt.ArrayLike = 0.0, a: float | None = None
+    radius: int,
+    h: float | npt.ArrayLike,
+    *,
+    sigma: float | npt.ArrayLike = 0.0,
+    a: float | None = None,
+    cut: float = 0.0,
 ) -> Weights:
     """Nonlocal weights w2: alike in the values of a patch around each vertex.
 
@@ -482,11 +497,15 @@ def patch(
     a : float, optional
         Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch:
         g = 1.
+    cut : float, default 0
+        Weights below it count as 0: some filters drop what is unlike altogether (OpenCV's 0.001, scikit-image's
+        exp(-5)).
 
     Raises
     ------
     TypeError, ValueError
-        A radius that is not an integer >= 0, h or a not > 0, sigma < 0; at use, a map for another number of vertices.
+        A radius that is not an integer >= 0, h or a not > 0, sigma < 0, cut not in 0..1; at use, a map for another
+        number of vertices.
 
     Notes
     -----
@@ -503,6 +522,7 @@ def patch(
         _parameter("h", h),
         _parameter("sigma", sigma, zero=True),
         None if a is None else _positive("a", a),
+        _share("cut", cut),
     )
 
 

@@ -504,13 +504,12 @@ class PatchCase:
     spatial: bool = False
     wide: bool = False
     maps: bool = False
+    cut: float = 0.0
 
     @property
     def id(self):
         kind = "distance" if self.scale is None else "similarity"
-        extras = [name for name in ("gaussian", "spatial", "maps") if getattr(self, name)] + ["shift"] * bool(
-            self.shift
-        )
+        extras = [name for name in ("gaussian", "spatial", "maps", "shift", "cut") if getattr(self, name)]
         return f"{self.graph}, {self.channels}, radius {self.radius}, {' '.join([kind, *extras])}"
 
     def form(self, graph):
@@ -529,7 +528,7 @@ class PatchCase:
             # exact in both types: what is taken off, and strengths that differ by a factor of 8 at most
             a = cases.rng(31).integers(0, 16, graph.n_vertices) / 64
             maps = np.stack([a, 2.0 ** cases.rng(37).integers(-1, 3, graph.n_vertices)], axis=-1)
-        return PatchForm(profile, self.shift, self.scale, spatial, maps)
+        return PatchForm(profile, self.shift, self.scale, spatial, maps, self.cut)
 
 
 # Seven compilations a device and type. A radius of 4 reaches over both ends of a row of 3.
@@ -547,7 +546,8 @@ PATCHES = (
     PatchCase("csr of grid", radius=1, shift=0.125, scale=0.5),
     PatchCase("masked", channels=2, radius=1, shift=0.125, scale=0.5, spatial=True, maps=True, wide=True),
     PatchCase("volume", radius=1, gaussian=True, scale=0.5, maps=True),
-    PatchCase("csr of grid", radius=1, shift=0.125, scale=0.5, maps=True, wide=True),
+    PatchCase("csr of grid", radius=1, shift=0.125, scale=0.5, maps=True, cut=0.5, wide=True),
+    PatchCase("grid", scale=0.5, spatial=True, cut=0.75),
 )
 
 
@@ -591,6 +591,11 @@ def test_patch_distance(backend, case, dtype):
 
     weighted = backend.patch_distance(graph, f, form)
     actual = backend.get_weights(weighted)
+    if form.cut:  # next to the cut either side is right
+        uncut = oracle().get_weights(oracle().patch_distance(graph, f, dataclasses.replace(form, cut=0.0)))
+        near = np.divide(uncut, spatial, out=np.zeros_like(uncut), where=spatial > 0)
+        assert ((near < form.cut) & (near > 0)).any()
+        bound = np.where(np.abs(uncut - form.cut * spatial) <= 2 * bound, uncut + bound, bound)
     assert_within(actual, exact, bound, "patch_distance")
     assert backend.get_weights(backend.patch_distance(graph, f, form)).tobytes() == actual.tobytes()
     if isinstance(graph, GridGraph):  # what leads out of the grid or the mask is 0, not just small

@@ -85,6 +85,8 @@ class PatchForm:
         s: one per forward offset of a grid, (K/2,), or one per directed edge, (n_edges,).
     maps : (n, 2) float array or None
         a >= 0 and q > 0 of each vertex.
+    cut : float
+        Exponentials below it count as 0.
     """
 
     profile: FloatArray
@@ -92,6 +94,7 @@ class PatchForm:
     scale: float | None = None
     spatial: FloatArray | None = None
     maps: FloatArray | None = None
+    cut: float = 0.0
 
     @property
     def radius(self) -> int:
@@ -526,8 +529,8 @@ def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
         return
     if not isinstance(graph, GridGraph) or form.scale is None:
         raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
-    if storage == "none" and form.maps is not None:
-        raise BackendUnavailable("weights whose parameters differ from pixel to pixel are stored, not recomputed")
+    if storage == "none" and (form.maps is not None or form.cut):
+        raise BackendUnavailable("weights that are cut off, or have maps of parameters, are stored, not recomputed")
     if storage == "none" and form.radius:
         raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
 

@@ -297,7 +297,8 @@ class NumpyBackend(Backend):
         if maps:
             at_u, at_v = (x.astype(self.dtype) for x in maps)
             kept = np.maximum(kept - (at_u[..., 0] + at_v[..., 0]), 0) * (at_u[..., 1] * at_v[..., 1])
-        similarity: FloatArray = spatial * np.exp(-np.maximum(kept, 0) * form.scale)
+        near = np.exp(-np.maximum(kept, 0) * form.scale)
+        similarity: FloatArray = spatial * np.where(near < form.cut, 0, near)
         return similarity.astype(self.dtype, copy=False)
 
     def degree(self, weighted: Weighted) -> Array:

@@ -510,6 +510,7 @@ class OpenCLBackend(Backend):
             self.upload(window.ravel().astype(self.dtype)),
             self.real(form.shift),
             self.real(exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))),
+            self.real(form.cut),
             self.upload(sites),
             spatial,
             self._nothing if form.maps is None else self.upload(form.maps.astype(self.dtype)),

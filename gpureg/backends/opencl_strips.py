@@ -130,6 +130,7 @@ class Strips:
         options += ["-DSHIFTED_DISTANCE"] if form.scale is not None and form.shift != 0 else []
         options += ["-DSPATIAL"] if form.spatial is not None else []
         options += ["-DMASKED"] if self.graph.mask is not None else []
+        options += ["-DCUT"] if form.scale is not None and form.cut else []
         options += ["-DMAPS"] if form.scale is not None and form.maps is not None else []
         return tuple(options)
 
@@ -187,6 +188,7 @@ class Strips:
             upload(form.profile.astype(real)),
             real(form.shift),
             real(exp2_scale(scale, largest)),
+            real(form.cut),
         ]
 
     def slots(self) -> Slots:

@@ -641,6 +641,7 @@ class WarpBackend(Backend):
             around = [(0, 0)] + [(r, r)] * (ndim - 1) + [(r + left, r + right)]
             patches.maps = self._upload_reals(np.pad(cells, around).ravel())
         patches.shift, patches.scale = form.shift, 0.0 if form.scale is None else form.scale
+        patches.cut = form.cut
 
         dim = (math.prod(graph.shape[:-2]) * -(-height // S), -(-width // N))
         work = graph.n_vertices * (1 + len(offsets)) * len(form.profile) * M // _PACK_SPEED
@@ -673,6 +674,7 @@ class WarpBackend(Backend):
             self._upload_reals(window.reshape(len(lines), -1)),
             form.shift,
             0.0 if form.scale is None else form.scale,
+            form.cut,
             self.upload(places, wp.vec2i),
             None if form.spatial is None else self._upload_reals(form.spatial),
             None if form.maps is None else self._upload_reals(form.maps.ravel()),

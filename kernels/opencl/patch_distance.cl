@@ -3,7 +3,7 @@
  *                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and -DMAPS
  *
  * The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor
- * s. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
+ * s. Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
  * f comes padded by the patch's radius (numpy's "reflect"), so that no read of a patch leaves it: one work item never
  * asks where the border is.
  *
@@ -91,7 +91,8 @@ ALONE __kernel void patch_distance(
     __global const long *patch_jumps,  /* (n_patch,): steps inside padded */                                         \
     __global const real *g,            /* (n_patch,) */                                                              \
     const real shift,                                                                                                \
-    const real scale                   /* -log2(e)/h^2 */
+    const real scale,                  /* -log2(e)/h^2 */                                                            \
+    const real cut                     /* exponentials below it count as 0 */
 
 #ifdef MAPS
 #define KEPT(rho, u, v) (fmax((rho) - shift - (maps[2 * (u)] + maps[2 * (v)]), (real)0) * (maps[2 * (u) + 1] * maps[2 * (v) + 1]))
@@ -99,7 +100,8 @@ ALONE __kernel void patch_distance(
 #define KEPT(rho, u, v) fmax((rho) - shift, (real)0)
 #endif
 #ifdef SIMILARITY
-#define EPILOGUE(rho, spatial, u, v) ((spatial) * exp2_scaled(KEPT(rho, u, v), scale))
+static inline real unless_cut(const real w, const real cut) { return w >= cut ? w : 0; }
+#define EPILOGUE(rho, spatial, u, v) ((spatial) * unless_cut(exp2_scaled(KEPT(rho, u, v), scale), cut))
 #else
 #define EPILOGUE(rho, spatial, u, v) (rho)
 #endif

@@ -63,7 +63,8 @@
     __global const real *line_weights, /* (n_lines,): and the part of g there */                                     \
     __global const real *profile,      /* (2 R + 1,): g along one axis; not read with FLAT */                        \
     const real shift,                                                                                                \
-    const real scale                   /* -log2(e)/h^2 */
+    const real scale,                  /* -log2(e)/h^2 */                                                            \
+    const real cut                     /* exponentials below it count as 0; read with CUT */
 
 #ifdef PAIRS
 #define FIRST_STRIP first
@@ -229,12 +230,15 @@ static inline void sum_along(const realN *c, __global const real *profile, realN
 }
 
 /* What the weight makes of distances; `scale` is negative. */
-static inline realN similarity(realN rho, const real spatial, const real shift, const real scale)
+static inline realN similarity(realN rho, const real spatial, const real shift, const real scale, const real cut)
 {
 #ifdef SHIFTED_DISTANCE
     rho = fmax(rho - shift, (realN)(0));
 #endif
-    const realN w = exp2_scaled(rho, scale);
+    realN w = exp2_scaled(rho, scale);
+#ifdef CUT
+    w = WHERE(w >= cut, w);
+#endif
 #ifdef SPATIAL
     return spatial * w;
 #else
@@ -246,9 +250,9 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 #ifdef MAPS
 #define SIMILARITY_AT(rho, k, u, v) similarity(                                                                      \
     fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0))                                                \
-        * (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), spatial[k], 0, scale)
+        * (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), spatial[k], 0, scale, cut)
 #else
-#define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale)
+#define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale, cut)
 #endif
 
 /* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of u. */

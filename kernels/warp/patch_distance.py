@@ -3,7 +3,7 @@ similarity(u, v) = s(u, v) exp(-max(rho - shift, 0) scale)                      
                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and `maps`
 
 The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor s.
-shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
+Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
 f comes padded by the patch's radius (numpy's "reflect") as rows of cells, so that no read of a patch leaves it: no work
 item asks where the border is.
 
@@ -54,13 +54,16 @@ def distance(real, M, similarity):
     if similarity:
 
         @wp.func
-        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real) -> real:
-            return spatial * wp.exp(-(wp.max(rho - shift, real(0.0)) * q) * scale)
+        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real, cut: real) -> real:
+            w = wp.exp(-(wp.max(rho - shift, real(0.0)) * q) * scale)
+            if w < cut:
+                w = real(0.0)
+            return spatial * w
 
     else:
 
         @wp.func
-        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real) -> real:
+        def epilogue(rho: real, spatial: real, shift: real, scale: real, q: real, cut: real) -> real:
             return rho
 
     return between, epilogue
@@ -148,6 +151,7 @@ def make_csr(access, M, similarity, with_spatial, with_maps):
         g: wp.array2d(dtype=real),
         shift: real,
         scale: real,
+        cut: real,
         site: wp.array(dtype=wp.vec2i),
         spatial: wp.array(dtype=real),
         maps: wp.array(dtype=real),
@@ -160,7 +164,7 @@ def make_csr(access, M, similarity, with_spatial, with_maps):
             v = neighbour(graph, u, e)
             rho = between(padded, lines, g, site[u[1]], site[v[1]])
             off = shift + taken_off(maps, u[1], v[1])
-            out[e] = epilogue(rho, factor(spatial, e), off, scale, strength(maps, u[1], v[1]))
+            out[e] = epilogue(rho, factor(spatial, e), off, scale, strength(maps, u[1], v[1]), cut)
             e += 1
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -171,6 +175,7 @@ def make_csr(access, M, similarity, with_spatial, with_maps):
         g: wp.array2d(dtype=real),  # (n_lines, 2 r + 1)
         shift: real,
         scale: real,
+        cut: real,
         site: wp.array(dtype=wp.vec2i),  # (n,)
         spatial: wp.array(dtype=real),  # (n_edges,); not read without `with_spatial`
         maps: wp.array(dtype=real),  # (2 n,): a and q of each vertex; not read without `with_maps`
@@ -180,6 +185,6 @@ def make_csr(access, M, similarity, with_spatial, with_maps):
     ):
         i, j = wp.tid()
         row, x = first[0] + i, first[1] + j
-        write_edges(graph, padded, lines, g, shift, scale, site, spatial, maps, place(graph, row, x), out)
+        write_edges(graph, padded, lines, g, shift, scale, cut, site, spatial, maps, place(graph, row, x), out)
 
     return patch_distance

@@ -118,7 +118,8 @@ _STRIP = """
             kept = kept > V{} ? kept : V{};
             if (MAPS)
                 kept *= WP_GPUREG_LOAD(p.maps.data + p.plane + u) * WP_GPUREG_LOAD(p.maps.data + p.plane + u + ahead);
-            return p.spatial.data[k] * exponential(-(kept * p.scale));
+            const V w = exponential(-(kept * p.scale));
+            return p.spatial.data[k] * (w >= p.cut ? w : V{});
         };
 
         for (int y = from; y < until; ++y)
@@ -178,6 +179,7 @@ def struct(real):
         profile: wp.array(dtype=real)  # (2 R + 1,): g along one axis
         shift: real
         scale: real
+        cut: real  # exponentials below it count as 0
 
     return Patches
 
