@@ -98,7 +98,7 @@ def read_tiff(data: bytes, where: str, axes: str | None = None) -> Picture:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """tifffile's log kept off the terminal: what it says of a damaged file is told as one sentence."""
+    """The log of tifffile kept off the terminal: what it says of a damaged file is told as one sentence."""
     silence, log = logging.NullHandler(), logging.getLogger("tifffile")
     log.addHandler(silence)
     try:
