@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ Path_ = str | os.PathLike[str]
 UNKNOWN = "#ff7f0e"
 # Inches of the widest panel, and of the longest column of them.
 _PANEL, _COLUMN = 4.6, 13.0
+# Letters of the caption that an inch holds.
+_LETTERS = 12
 
 
 def missing(name: str, package: str) -> ImportError:
@@ -50,7 +53,7 @@ def check_path(path: Path_ | None) -> None:
         raise ValueError(f"{path}: the extension must be one of {', '.join(f'.{kind}' for kind in sorted(kinds))}")
 
 
-def new_figure(width: float, height: float, layout: Literal["constrained", "compressed"] = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Literal["constrained"] | None = None) -> Figure:
     """An empty figure that no window and no global state knows, sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -144,16 +147,46 @@ def colours(plane: npt.NDArray[Any], black: float, white: float) -> FloatArray:
     return np.where(known, levels, to_rgb(UNKNOWN))
 
 
-def panels(cuts: Sequence[Section], shape: Sequence[int], steps: Sequence[float], columns: int, above: float) -> Any:
-    """A figure and its axes (sections, columns), all at one scale, `above` inches left for what stands around them."""
+def panels(
+    cuts: Sequence[Section], shape: Sequence[int], steps: Sequence[float], titles: Sequence[str], caption: Sequence[str]
+) -> tuple[Figure, Any, Axes]:
+    """A figure, its axes (sections, titles) with room for pictures at one scale, and the axes of a colour bar.
+
+    Placed by hand: the layouts that Matplotlib finds shrink panels whose sections differ in shape, or overlap titles.
+    """
     sizes = [cut.size(shape, steps) for cut in cuts]
     widest = max(width for _, width in sizes)
     unit = min(_PANEL / widest, _COLUMN / sum(height for height, _ in sizes))
-    # not so flat or so narrow that the titles find no room
-    heights = [max(unit * height, 0.4) for height, _ in sizes]
-    figure = new_figure(columns * max(unit * widest, 2.6) + 1.2, sum(heights) + above, "compressed")
-    axes = figure.subplots(len(cuts), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
-    return figure, axes
+    # not so flat or so narrow that titles and ticks find no room
+    heights = [max(unit * height, 0.8) for height, _ in sizes]
+    width, gap = max(unit * widest, 2.6), 0.12
+    left, right = 0.12 if len(cuts) == 1 else 0.4, 1.1
+    above = 0.15 + 0.2 * max(title.count("\n") + 1 for title in titles)
+    across = left + len(titles) * (width + gap) + right
+    lines = [part for line in caption for part in textwrap.wrap(line, int(across * _LETTERS))]
+    below = 0.12 + 0.2 * len(lines)
+    total = (across, above + sum(heights) + gap * (len(cuts) - 1) + below)
+    figure = new_figure(*total)
+
+    def place(x: float, y: float, w: float, h: float) -> Axes:
+        return figure.add_axes((x / total[0], y / total[1], w / total[0], h / total[1]))
+
+    axes = np.empty((len(cuts), len(titles)), object)
+    top = total[1] - above
+    for row, cut, height in zip(axes, cuts, heights, strict=True):
+        top -= height
+        for k in range(len(titles)):
+            row[k] = place(left + k * (width + gap), top, width, height)
+            row[k].set_anchor("N")
+        row[0].set_ylabel(str(cut))
+        top -= gap
+    for panel, title in zip(axes[0], titles, strict=True):
+        panel.set_title(title, fontsize=11)
+    if lines:
+        figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
+    long = min(total[1] - above - below, _PANEL)
+    bar = place(total[0] - right, total[1] - above - long, 0.18, long)
+    return figure, axes, bar
 
 
 def show(axes: Axes, picture: FloatArray, cut: Section, steps: Sequence[float]) -> None:
@@ -161,11 +194,6 @@ def show(axes: Axes, picture: FloatArray, cut: Section, steps: Sequence[float]) 
     axes.imshow(picture, aspect=steps[cut.rows] / steps[cut.columns])
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-
-
-def add_bar(figure: Figure, mappable: Any, axes: Any, **settings: Any) -> None:
-    """A colour bar at the right of a column of panels."""
-    figure.colorbar(mappable, ax=list(axes), fraction=0.05, pad=0.02, panchor=False, **settings)
 
 
 def unknown_in(pictures: Sequence[FloatArray]) -> list[str]:

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from .canvas import (
     Path_,
-    add_bar,
     as_picture,
     as_spacing,
     check_path,
@@ -229,18 +228,13 @@ def compare(
         for cut, plane in zip(cuts, removed, strict=True)
     ]
     below = [*caption.splitlines(), *unknown_in([picture for pictures in drawn for picture in pictures])]
-    figure, axes = panels(cuts, before.shape, steps, 3, 0.75 + 0.2 * len(below))
+    figure, axes, beside = panels(cuts, before.shape, steps, [*titles, "noisy - denoised"], below)
     for row, cut, pictures in zip(axes, cuts, drawn, strict=True):
         for panel, picture in zip(row, pictures, strict=True):
             show(panel, picture, cut, steps)
-        row[0].set_ylabel(str(cut))
-    for panel, title in zip(axes[0], (*titles, "noisy - denoised"), strict=True):
-        panel.set_title(title, fontsize=11)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     bar = ScalarMappable(Normalize(-spread, spread), "gray")
-    add_bar(figure, bar, axes[:, 2], extend="both" if most > spread else "neither")
-    if below:
-        figure.supxlabel("\n".join(below), fontsize=10)
+    figure.colorbar(bar, cax=beside, extend="both" if most > spread else "neither")
     return finish(figure, path)

@@ -70,7 +70,7 @@ def energy(result: Result | Mapping[str, Result], *, minimum: float | None = Non
             )
     least = min(float(run.energy.min()) for run in runs.values()) if minimum is None else float(minimum)
     above = any((run.energy > least).any() for run in runs.values())
-    figure = new_figure(10 if above else 5.5, 4)
+    figure = new_figure(10 if above else 5.5, 4, "constrained")
     left, *right = figure.subplots(1, 2 if above else 1, squeeze=False)[0]
     for k, (label, run) in enumerate(runs.items()):
         style = {"marker": ".", "markersize": 5, "linewidth": 1.4, "color": f"C{k % 10}", "label": label}

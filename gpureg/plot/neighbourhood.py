@@ -16,7 +16,6 @@ from ..tiles import Tile, halo, part_problem
 from ..weights import Weights
 from .canvas import (
     Path_,
-    add_bar,
     as_picture,
     as_spacing,
     check_path,
@@ -119,8 +118,8 @@ def neighbours(
     black, white = _extremes(picture)
     cuts = sections(at)
     drawn = [colours(cut.of(picture), black, white) for cut in cuts]
-    below = unknown_in(drawn)
-    figure, axes = panels(cuts, shape, steps, 3, 0.6 + 0.2 * len(below))
+    titles = [f"pixel u = {at}", "in the frame", f"{len(values)} weights, sum {values.sum():.4g}"]
+    figure, axes, beside = panels(cuts, shape, steps, titles, unknown_in(drawn))
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -140,16 +139,7 @@ def neighbours(
         # a single pixel of a wide frame would not be seen
         side = max(1.0, (right - left) / 60, (bottom - top) / 60)
         _squares(row[2], places[here][:, [cut.columns, cut.rows]], bar.to_rgba(values[here]), side)
-        row[0].set_ylabel(str(cut))
-    for panel, title in zip(
-        axes[0],
-        (f"pixel u = {at}", "its neighbours' frame", f"{len(values)} weights, sum {values.sum():.4g}"),
-        strict=True,
-    ):
-        panel.set_title(title, fontsize=11)
-    add_bar(figure, bar, axes[:, 2], label="w(u, v)")
-    if below:
-        figure.supxlabel("\n".join(below), fontsize=10)
+    figure.colorbar(bar, cax=beside, label="w(u, v)")
     return finish(figure, path)
 
 
