@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, spectral, weights
+from . import operators, plot, spectral, weights
 from .backends import BackendUnavailable
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -38,6 +38,7 @@ __all__ = [
     "memory_needed",
     "operators",
     "plan_denoising",
+    "plot",
     "propagate_labels",
     "read_graph",
     "regularize",

@@ -279,7 +279,8 @@ def demo(target: Path, sigma: float, backend: str) -> None:
         result = run_plan(plan, noisy, backend=backend, progress=sys.stderr.isatty())
         caption = f"{plan.describe()}\n{result.seconds:.2f} s on {result.backend}"
         try:
-            before, after = plot.compare(noisy, result.value, target, reference=clean, caption=caption)
+            before, after = (plot.quality(picture, clean)[0] for picture in (noisy, result.value))
+            plot.compare(noisy, result.value, reference=clean, path=target, caption=caption)
         except ImportError as error:
             raise PictureError(f"the demo needs {error.name}: pip install 'gpureg[plot]'") from None
         click.echo(f"noise    sigma = {plan.sigma:.4g} of 255, estimated (added: {sigma:g})")
