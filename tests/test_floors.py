@@ -46,6 +46,9 @@ FLOORS: dict[str, float] = {
     "points": 5,
     "regions": 5,
     "plot": 5.5,
+    "report": 5.5,
+    "files": 5.6,
+    "batch": 5.7,
     "cli": 6,
     "__main__": 6.5,
 }
