@@ -69,7 +69,7 @@ class Outcome:
 
     def failures(self) -> str:
         """A list of the files that failed, with why."""
-        told = (error if str(source) in error else f"{source}: {error}" for source, error in self.failed)
+        told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
         return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
 
 
