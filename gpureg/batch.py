@@ -166,13 +166,14 @@ def denoise_files(
     try:
         # The plans that are told would run into the bar.
         with progress_bar(progress and not settings.explain, len(sources), "files") as report:
-            for i, (source, target) in enumerate(zip(sources, targets, strict=True)):
-                report(i)
+            report(0)
+            for i, (source, target) in enumerate(zip(sources, targets, strict=True), start=1):
                 try:
                     done = denoise_file(source, target, settings, tell=partial(_tell_of, tell, source))
                     outcome.done.append(done)
                 except FAILURES as error:
                     outcome.failed.append((source, sentence(error)))
+                report(i)
     except KeyboardInterrupt:
         outcome.interrupted = True
     return outcome

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -139,12 +140,14 @@ def denoise_file(
     inside, nans, masked = _inside(picture, source, settings)
     slices = layout.turned(picture.pixels, picture.axes)
     kept = None if inside is None else layout.turned(inside, picture.axes.replace("C", ""))
-    quality: list[tuple[float, float]] = []
-    clean = None
-    if settings.reference is not None:
-        clean = layout.turned(_reference(picture, source, settings), picture.axes)
-        quality.append(_quality(slices, clean, kept, picture))
     axis = None if picture.channel_axis is None else -1
+    measure: Callable[[npt.NDArray[Any]], tuple[float, float]] | None = None
+    quality: list[tuple[float, float]] = []
+    if settings.reference is not None:
+        clean, limits = _reference(picture, source, _beside(settings.reference, source))
+        clean = layout.turned(clean, picture.axes)
+        measure = partial(_quality, clean=clean, kept=kept, limits=limits, axis=axis)
+        quality.append(measure(slices))
     through = "".join(letter for letter in layout.through if picture.size(letter) > 1)
     values, runs = [], []
     explained: list[str] = []
@@ -172,8 +175,8 @@ def denoise_file(
             values.append(result.value)
             runs.append((plan, replace(result, value=np.empty(0))))
             done(i + 1)
-    if clean is not None:
-        quality.append(_quality(np.stack(values), clean, kept, picture))
+    if measure is not None:
+        quality.append(measure(np.stack(values)))
     write_picture(target, replace(picture, pixels=layout.turned_back(values, picture)))
     report = report_of(runs, source, target, picture, through=through)
     if layout.spacing is not None:
@@ -261,43 +264,40 @@ def _inside(picture: Picture, source: Path, settings: Settings) -> tuple[npt.NDA
     return inside, nans, masked
 
 
-def _reference(picture: Picture, source: Path, settings: Settings) -> npt.NDArray[Any]:
-    assert settings.reference is not None
-    path = _beside(settings.reference, source)
-    clean = read_picture(path, settings.axes).pixels
+def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], tuple[float, float]]:
+    """The clean picture, and the range that its PSNR is of."""
+    clean = read_picture(path, picture.axes if picture.is_stack else None).pixels
     if clean.shape != picture.pixels.shape:
         raise PictureError(f"the reference {path} has the shape {clean.shape}, {source} has {picture.pixels.shape}")
-    if clean.dtype != picture.pixels.dtype and "f" not in clean.dtype.kind + picture.pixels.dtype.kind:
+    whole = [array.dtype for array in (picture.pixels, clean) if array.dtype.kind == "u"]
+    if len(set(whole)) > 1:
         raise PictureError(f"the reference {path} holds {clean.dtype}, {source} {picture.pixels.dtype}; convert one")
-    return clean
+    if whole:
+        return clean, (0, np.iinfo(whole[0]).max)
+    finite = clean[np.isfinite(clean)]
+    if not (finite.size and finite.max() > finite.min()):
+        raise PictureError(f"the reference {path} has no range to measure by: its values are constant or not finite")
+    return clean, (float(finite.min()), float(finite.max()))
 
 
 def _quality(
-    slices: npt.NDArray[Any], clean: npt.NDArray[Any], kept: npt.NDArray[np.bool_] | None, picture: Picture
+    slices: npt.NDArray[Any],
+    clean: npt.NDArray[Any],
+    kept: npt.NDArray[np.bool_] | None,
+    limits: tuple[float, float],
+    axis: int | None,
 ) -> tuple[float, float]:
     """PSNR of all slices, and SSIM, of which slices and time have the mean."""
-    axis = None if picture.channel_axis is None else -1
-    limits: tuple[float, float] | None = None
-    for dtype in (picture.pixels.dtype, clean.dtype):
-        if dtype.kind == "u" and limits is None:
-            limits = 0.0, float(np.iinfo(dtype).max)
-    if limits is None:
-        low, high = float(np.nanmin(clean)), float(np.nanmax(clean))
-        if not (math.isfinite(high - low) and high > low):
-            raise PictureError("the reference has no range of values to measure by: it is constant or not finite")
-        limits = low, high
     if kept is not None:
         slices = np.where(kept if axis is None else kept[..., None], slices, np.nan)
     cells = slices.ndim - (axis is not None)
-    tail = slices.shape[cells:]
     try:
         if len(slices) == 1 and cells <= 4:
             return plot.quality(slices[0], clean[0], limits, channel_axis=axis)
-        flat = (-1, slices.shape[cells - 1], *tail)
+        flat = (-1, *slices.shape[cells - 1 :])
         psnr, _ = plot.quality(slices.reshape(flat), clean.reshape(flat), limits, channel_axis=axis)
-        parts = [array.reshape(-1, *array.shape[2 if cells == 5 else 1 :]) for array in (slices, clean)]
-        pairs = zip(*parts, strict=True)
-        found = [plot.quality(one, other, limits, channel_axis=axis)[1] for one, other in pairs]
+        parts = (array.reshape(-1, *array.shape[2 if cells == 5 else 1 :]) for array in (slices, clean))
+        found = [plot.quality(one, other, limits, channel_axis=axis)[1] for one, other in zip(*parts, strict=True)]
     except ImportError as error:
         raise PictureError(f"--reference: {error}") from None
     known = [ssim for ssim in found if not math.isnan(ssim)]
