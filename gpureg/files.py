@@ -151,8 +151,10 @@ def denoise_file(
     through = "".join(letter for letter in layout.through if picture.size(letter) > 1)
     values, runs = [], []
     explained: list[str] = []
-    with progress_bar(progress and len(slices) > 1, len(slices), "slices") as done:
+    # The plans that are told would run into the bar.
+    with progress_bar(progress and len(slices) > 1 and not settings.explain, len(slices), "slices") as done:
         for i, part in enumerate(slices):
+            done(i)
             mask = None if kept is None or kept[i].all() else kept[i]
             if mask is not None and not mask.any():
                 values.append(part)
@@ -174,13 +176,13 @@ def denoise_file(
             )
             values.append(result.value)
             runs.append((plan, replace(result, value=np.empty(0))))
-            done(i + 1)
+        done(len(slices))
     if measure is not None:
         quality.append(measure(np.stack(values)))
     write_picture(target, replace(picture, pixels=layout.turned_back(values, picture)))
     report = report_of(runs, source, target, picture, through=through)
     if layout.spacing is not None:
-        report["spacing"] = list(layout.spacing)
+        report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
     if settings.mask is not None:
         report |= {"mask": str(settings.mask), "outside_mask": masked}
     if nans:

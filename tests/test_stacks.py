@@ -89,7 +89,7 @@ def test_axes_in_any_order(tmp_path):
     array = values("CYXZ", "float32")
     tifffile.imwrite(tmp_path / "in.tif", array, photometric="minisblack", metadata={"axes": "CYXZ"})
     got = report(tmp_path / "in.tif", tmp_path / "out.tif", "--sigma", 40, "--spacing", "1,2,3")
-    assert (got["axes"], got["spacing"]) == ("CYXZ", [3, 1, 2])  # as Z, Y, X
+    assert (got["axes"], got["spacing"]) == ("CYXZ", {"Z": 3, "Y": 1, "X": 2})
     turned = array.transpose(3, 1, 2, 0)
     want = gpureg.denoise_image(turned, sigma=40, channel_axis=3, spacing=(3, 1, 2), backend="numpy")
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "out.tif"), want.transpose(3, 1, 2, 0))
@@ -280,7 +280,7 @@ def test_spacing_is_that_of_the_door(tmp_path):
     tifffile.imwrite(tmp_path / "in.tif", array, imagej=True, metadata={"axes": "ZCYX"})
     options = ("--spacing", "3,1,1", "--sigma", 40, "--radius", 2.5)
     got = report(tmp_path / "in.tif", tmp_path / "out.tif", *options)
-    assert got["spacing"] == [3, 1, 1] and "1x5x5 window" in got["filter"]
+    assert got["spacing"] == {"Z": 3, "Y": 1, "X": 1} and "1x5x5 window" in got["filter"]
     want = gpureg.denoise_image(array, sigma=40, radius=2.5, spacing=(3, 1, 1), channel_axis=1, backend="numpy")
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "out.tif"), want)
 
@@ -297,7 +297,8 @@ def test_spacing_of_the_file(tmp_path, storage, unit):
             tmp_path / "in.tif", array, ome=True, metadata={"axes": "ZYX", **sizes, "PhysicalSizeZUnit": unit}
         )
     got = report(tmp_path / "in.tif", tmp_path / "out.tif", "--spacing", "file")
-    np.testing.assert_allclose(got["spacing"], [0.75, 0.5, 0.25], rtol=1e-12)  # rounding of one product
+    # 1e-12: the rounding of one product
+    assert got["spacing"] == pytest.approx({"Z": 0.75, "Y": 0.5, "X": 0.25}, rel=1e-12)
 
 
 def test_bilateral_reach_follows_the_spacing(tmp_path):
@@ -320,7 +321,7 @@ def test_spacing_that_is_none(tmp_path):
     failed(denoise(volume, out, "--spacing", "file"), 1, "volume.tif names no size of a voxel along Z;")
     failed(denoise(series, out, "--spacing", "file"), 1, "series.tif", "time has no size", "--each T")
     assert not out.exists()
-    assert report(series, out, "--spacing", "file", "--each", "T")["spacing"] == [1, 1]
+    assert report(series, out, "--spacing", "file", "--each", "T")["spacing"] == {"Y": 1, "X": 1}
 
 
 # --- what is refused --------------------------------------------------------------------------------------------------
