@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, spectral, weights
+from . import operators, plot, spectral, weights
 from .backends import BackendUnavailable
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
@@ -44,6 +44,7 @@ __all__ = [
     "operators",
     "patch_graph",
     "plan_denoising",
+    "plot",
     "propagate_labels",
     "read_graph",
     "regularize",

@@ -10,21 +10,22 @@ import math
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from . import __version__, backends, weights
+from . import __version__, backends
+from .batch import FAILURES, Outcome, denoise_files, expand, is_pattern, sentence
+from .files import Settings, as_spacing, denoise_file
 from .graph import METRICS
 from .image import run_plan
-from .io import Picture, PictureError, check_destination, read_picture, write_picture
+from .io import PictureError, check_destination
 from .memory import as_bytes
-from .noise import estimate_noise
-from .plan import DenoisePlan, plan_denoising
-from .result import Result
+from .picture import checked_axes
+from .plan import plan_denoising
+from .report import as_lines
 
 
 class _Failure(click.ClickException):
@@ -40,12 +41,10 @@ def _sentences(work: Callable[[], Any]) -> Any:
     """Run, and turn what can go wrong into a sentence and an exit code."""
     try:
         return work()
-    except (PictureError, backends.BackendUnavailable, FloatingPointError) as error:
-        raise _Failure(str(error)) from None
-    except MemoryError as error:
-        raise _Failure(f"not enough memory: {error}" if str(error) else "not enough memory") from None
     except (ValueError, TypeError) as error:
-        raise click.UsageError(str(error)) from None
+        raise click.UsageError(sentence(error)) from None
+    except FAILURES as error:
+        raise _Failure(sentence(error)) from None
 
 
 class _Group(click.Group):
@@ -77,52 +76,7 @@ def main() -> None:
     """Denoise pictures by p-Laplacian regularization on weighted graphs, on the fastest device at hand."""
 
 
-def _number(value: float) -> float | str:
-    """A number as JSON can hold it."""
-    return value if math.isfinite(value) else str(value)
-
-
-def _report(plan: DenoisePlan, result: Result, source: Path, target: Path, picture: Picture) -> dict[str, Any]:
-    height, width = picture.pixels.shape[:2]
-    return {
-        "input": str(source),
-        "output": str(target),
-        "width": width,
-        "height": height,
-        "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
-        "dtype": str(picture.pixels.dtype),
-        "alpha": picture.alpha is not None,
-        "sigma": plan.sigma,
-        "sigma_estimated": plan.estimated,
-        "filter": plan.describe(),
-        "p": plan.p,
-        "lam": _number(float(np.asarray(plan.lam))),
-        "radius": plan.radius,
-        "metric": plan.metric,
-        "iterations": result.iterations,
-        "stop": result.stop.name.lower(),
-        "energy": [_number(energy) for energy in result.energy.tolist()],
-        "eps": result.eps,
-        "backend": result.backend,
-        "seconds": round(result.seconds, 4),
-        "version": __version__,
-    }
-
-
-def _three_lines(report: dict[str, Any]) -> str:
-    white = {"uint8": " of 255", "uint16": " of 65535"}.get(report["dtype"], "")
-    origin = "estimated" if report["sigma_estimated"] else "as given"
-    size = (
-        f"{report['width']} x {report['height']}, {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
-    )
-    return "\n".join(
-        (
-            f"noise    sigma = {report['sigma']:.4g}{white}, {origin}",
-            f"filter   {report['filter']}",
-            f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}",
-        )
-    )
-
+_FILE = click.Path(path_type=Path, readable=False)
 
 # Options that belong to one weight function alone.
 _OPTIONS_OF_WEIGHTS = {
@@ -138,12 +92,11 @@ _OPTIONS_OF_WEIGHTS = {
     epilog="Example: gpureg denoise noisy.png clean.png    "
     "With total variation instead: gpureg denoise noisy.png clean.png --p 1"
 )
-@click.argument("source", metavar="IN", type=click.Path(path_type=Path, readable=False))
-@click.argument("target", metavar="OUT", type=click.Path(path_type=Path, readable=False))
+@click.argument("paths", metavar="IN... OUT", nargs=-1)
 @click.option("--sigma", type=float, help="Noise's standard deviation in pixel values.  [default: estimated]")
 @click.option("--p", type=float, help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.  [default: 2]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to the picture.")
-@click.option("--radius", type=float, help="Reach of the window in pixels.")
+@click.option("--radius", type=float, help="Reach of the window in pixels, or units of --spacing.")
 @click.option("--metric", type=click.Choice(METRICS), help="Shape of the window: square, disk, diamond.")
 @click.option(
     "--weights",
@@ -154,7 +107,7 @@ _OPTIONS_OF_WEIGHTS = {
 @click.option("--patch-radius", type=int, default=2, show_default=True, help="patch: radius of a patch.")
 @click.option("--h", type=float, help="patch: filtering parameter.  [default: 0.6 sigma sqrt(samples)]")
 @click.option("--patch-std", type=float, help="patch: Gaussian patch of this standard deviation.  [default: flat]")
-@click.option("--sigma-space", type=float, default=3.0, show_default=True, help="bilateral: reach in pixels.")
+@click.option("--sigma-space", type=float, help="bilateral: reach as --radius.  [default: 3 of the finest pixels]")
 @click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.  [default: 3 sigma]")
 @click.option("--max-iter", type=int, help="Iterations at most.")
 @click.option("--tol", type=float, help="Stop when the largest change is this share of the range.")
@@ -168,6 +121,16 @@ _OPTIONS_OF_WEIGHTS = {
     help="Bytes it may take on the device, such as 4GiB.  [default: half of a CPU's, 90 percent of a GPU's]",
 )
 @click.option(
+    "--axes", help="Letters of a TIFF's axes: T time, Z, Y, X, C channels, such as TZYX.  [default: the file's]"
+)
+@click.option("--each", type=click.Choice(["T", "Z"]), multiple=True, help="Treat the slices of this axis one by one.")
+@click.option(
+    "--spacing", help="Size of a voxel along each axis but C, such as 3,1,1, or the word file.  [default: 1 along each]"
+)
+@click.option("--mask", type=_FILE, help="Picture, nonzero where pixels take part; or a folder of such, by name.")
+@click.option("--reference", type=_FILE, help="Clean picture, or a folder of them: PSNR and SSIM are reported.")
+@click.option("--explain", is_flag=True, help="Print the plan first: what was chosen for each parameter, and why.")
+@click.option(
     "--json",
     "as_json",
     is_flag=True,
@@ -178,81 +141,64 @@ _OPTIONS_OF_WEIGHTS = {
 @click.pass_context
 def denoise(
     context: click.Context,
-    source: Path,
-    target: Path,
-    sigma: float | None,
-    p: float | None,
-    lam: float | None,
-    radius: float | None,
-    metric: Any,
-    kind: str | None,
-    patch_radius: int,
-    h: float | None,
-    patch_std: float | None,
-    sigma_space: float,
-    sigma_value: float | None,
-    max_iter: int | None,
-    tol: float | None,
-    eps: float | None,
-    backend: str,
-    dtype: str | None,
-    memory: str | None,
+    /,
+    paths: tuple[str, ...],
     as_json: bool,
     quiet: bool,
     progress: bool | None,
+    **options: Any,
 ) -> None:
-    """Denoise the picture IN and write it to OUT.
+    """Denoise the picture IN and write it to OUT; or several, or a pattern such as 'raw/*.tif', into the folder OUT.
 
-    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. With no option the noise is estimated and
-    the rest follows from it.
+    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. TIFF stacks are volumes or series, of float
+    values too; pixels that are NaN are left out. With no option the noise is estimated and the rest follows from it.
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
         given_here = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-        if given_here and owner != kind:
+        if given_here and owner != options["kind"]:
             raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
+    if len(paths) < 2:
+        raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where is {paths[0]} to go?")
+    if quiet and options["explain"]:
+        raise click.UsageError("--explain and --quiet contradict each other")
+    *names, out = paths
+    show = (sys.stderr.isatty() if progress is None else progress) and not quiet
+    many = len(names) > 1 or is_pattern(names[0]) or os.path.isdir(out)
 
-    def work() -> dict[str, Any]:
-        picture = read_picture(source)
-        check_destination(target, picture)
-        axis = picture.channel_axis
-        given: dict[str, Any] = {"sigma": sigma, "p": p, "lam": lam, "radius": radius, "metric": metric}
-        given |= {"max_iter": max_iter, "tol": tol, "eps": eps}
-        function = None
-        lacks = {"bilateral": sigma_value is None, "patch": h is None}.get(kind or "", False)
-        if kind is not None:
-            noise = estimate_noise(picture.pixels, channel_axis=axis) if sigma is None else sigma
-            samples = (2 * patch_radius + 1) ** 2 if patch_std is None else 1
-            channels = 1 if axis is None else picture.pixels.shape[axis]
-            if lacks and noise == 0:
-                pass  # nothing to choose from, and nothing to do
-            elif kind == "constant":
-                function = weights.constant()
-            elif kind == "bilateral":
-                function = weights.bilateral(sigma_space, 3 * noise if sigma_value is None else sigma_value)
-            else:
-                reach = 0.6 * noise * math.sqrt(samples * channels) if h is None else h
-                function = weights.patch(patch_radius, reach, sigma=noise, a=patch_std)
-        plan = plan_denoising(picture.pixels, weights=function, channel_axis=axis, **given)
-        if plan.sigma is None:  # it decided nothing, but is reported
-            plan = replace(plan, sigma=estimate_noise(picture.pixels, channel_axis=axis), estimated=True)
-        show = sys.stderr.isatty() if progress is None else progress
-        result = run_plan(
-            plan,
-            picture.pixels,
-            channel_axis=axis,
-            backend=backend,
-            dtype=dtype,
-            progress=show and not quiet,
-            memory=None if memory is None else as_bytes(memory),
+    def tell(plan: str) -> None:
+        if not as_json:
+            click.echo(plan)
+
+    def settings() -> Settings:
+        read = {"memory": as_bytes, "spacing": as_spacing, "axes": checked_axes}
+        return Settings(
+            **options | {name: as_(options[name]) for name, as_ in read.items() if options[name] is not None}
         )
-        write_picture(target, Picture(result.value, picture.alpha, picture.icc_profile))
-        return _report(plan, result, source, target, picture)
 
-    report = _sentences(work)
+    def one() -> dict[str, Any]:
+        return denoise_file(Path(names[0]), Path(out), settings(), progress=show, tell=tell)
+
+    def all_of_them() -> Outcome:
+        return denoise_files(expand(names), Path(out), settings(), progress=show, tell=tell)
+
+    if not many:
+        report = _sentences(one)
+        if as_json:
+            click.echo(json.dumps(report, indent=2))
+        elif not quiet:
+            click.echo(as_lines(report))
+        return
+    outcome = _sentences(all_of_them)
+    if outcome.failed:
+        click.echo(f"gpureg: {outcome.failures()}", err=True)
+    if outcome.interrupted:
+        click.echo(f"gpureg: interrupted, {len(outcome.done)} of {outcome.count} files were done", err=True)
+        raise click.exceptions.Exit(130)
     if as_json:
-        click.echo(json.dumps(report, indent=2))
+        click.echo(json.dumps(outcome.as_json(), indent=2))
     elif not quiet:
-        click.echo(_three_lines(report))
+        click.echo(outcome.as_lines())
+    raise click.exceptions.Exit(1 if outcome.failed else 0)
 
 
 @main.command(epilog="Example: gpureg demo")
@@ -279,7 +225,8 @@ def demo(target: Path, sigma: float, backend: str) -> None:
         result = run_plan(plan, noisy, backend=backend, progress=sys.stderr.isatty())
         caption = f"{plan.describe()}\n{result.seconds:.2f} s on {result.backend}"
         try:
-            before, after = plot.compare(noisy, result.value, target, reference=clean, caption=caption)
+            before, after = (plot.quality(picture, clean)[0] for picture in (noisy, result.value))
+            plot.compare(noisy, result.value, reference=clean, path=target, caption=caption)
         except ImportError as error:
             raise PictureError(f"the demo needs {error.name}: pip install 'gpureg[plot]'") from None
         click.echo(f"noise    sigma = {plan.sigma:.4g} of 255, estimated (added: {sigma:g})")

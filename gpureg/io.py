@@ -1,4 +1,4 @@
-"""Pictures in and out of files: 8- and 16-bit PNG, TIFF and JPEG; grey and RGB, with or without alpha.
+"""Pictures in and out of files: 8- and 16-bit PNG, TIFF and JPEG; grey and RGB, with or without alpha; TIFF stacks.
 
 Pillow reads and writes JPEG and 8-bit PNG, imagecodecs 16-bit PNG (Pillow narrows 16-bit colour to 8), tifffile TIFF.
 """
@@ -13,67 +13,48 @@ import shutil
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from .picture import AxesError, Picture, PictureError, checked_axes, split
+from .tiff import read_tiff, write_tiff
+
+__all__ = [
+    "FORMATS",
+    "Picture",
+    "PictureError",
+    "check_destination",
+    "read_picture",
+    "write_atomically",
+    "write_picture",
+]
 
 FORMATS = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".jpg": "JPEG", ".jpeg": "JPEG"}
-
 
 _JPEG_SIDE = 65500  # libjpeg's limit
 
 
-class PictureError(OSError):
-    """A picture that cannot be read or written; the message says which and why."""
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture as a file holds it.
-
-    Attributes
-    ----------
-    pixels : (H, W) or (H, W, 3) array
-        uint8, uint16 or, from TIFF, float.
-    alpha : (H, W) array or None
-        Opacity, in the dtype of the pixels.
-    icc_profile : bytes or None
-        The colour profile, carried through.
-    """
-
-    pixels: npt.NDArray[Any]
-    alpha: npt.NDArray[Any] | None = None
-    icc_profile: bytes | None = None
-
-    @property
-    def channel_axis(self) -> int | None:
-        """Axis of the colours; None for grey."""
-        return None if self.pixels.ndim == 2 else 2
-
-
-def _split(array: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
-    """Colours and alpha of (H, W), (H, W, 1..4)."""
-    if array.ndim == 2:
-        return array, None
-    if array.ndim == 3 and array.shape[2] in (1, 2):
-        return array[..., 0], array[..., 1] if array.shape[2] == 2 else None
-    if array.ndim == 3 and array.shape[2] in (3, 4):
-        return array[..., :3], array[..., 3] if array.shape[2] == 4 else None
-    raise PictureError(f"{where} holds an array of shape {array.shape}, not one grey or RGB picture")
-
-
-def read_picture(path: str | os.PathLike[str]) -> Picture:
+def read_picture(path: str | os.PathLike[str], axes: str | None = None) -> Picture:
     """Read a PNG, TIFF or JPEG file; its content decides, not its name.
 
     A picture comes upright, as its EXIF or TIFF tag says, and its colours not multiplied by alpha.
+
+    Parameters
+    ----------
+    path : path
+    axes : str, optional
+        A letter for each axis of the values, of T, Z, Y, X and C; None takes those that the file names. A stack that
+        names none is a volume, ZYX.
 
     Raises
     ------
     PictureError
         A file that is missing, may not be read, is truncated, or is no picture of these kinds.
+    AxesError
+        `axes` that are none, or not those of the file.
     """
     try:
         data = Path(path).read_bytes()
@@ -88,12 +69,12 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     elif data.startswith(b"\xff\xd8"):
         read = _read_with_pillow
     elif data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        read = _read_tiff
+        read = partial(read_tiff, axes=axes)
     else:
         raise PictureError(f"{path} is not a PNG, TIFF or JPEG picture" + (" (it is empty)" if not data else ""))
     try:
         picture = read(data, str(path))
-    except (PictureError, MemoryError):
+    except (PictureError, AxesError, MemoryError):
         raise
     except Exception as error:  # what a decoder raises on broken data is not for users to know
         raise PictureError(f"{path} is truncated or damaged: {error}") from None
@@ -101,6 +82,10 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
         raise PictureError(f"{path} holds {picture.pixels.dtype} pixels; uint8, uint16 and float can be treated")
     if picture.pixels.size == 0:
         raise PictureError(f"{path} holds no pixels")
+    if axes is not None and checked_axes(axes) != picture.axes:
+        raise AxesError(
+            f"axes {axes} are not those of {path}, {picture.axes}; only those of a TIFF file can be renamed"
+        )
     return picture
 
 
@@ -121,7 +106,7 @@ def _read_with_pillow(data: bytes, where: str) -> Picture:
         # Bilevel becomes grey, CMYK and YCbCr become RGB; a profile of CMYK does not fit then.
         profile = profile if image.mode == "1" else None
         image = image.convert("L" if image.mode == "1" else "RGB")
-    pixels, alpha = _split(np.asarray(image), where)
+    pixels, alpha = split(np.asarray(image), where)
     return Picture(pixels, alpha, profile)
 
 
@@ -140,7 +125,7 @@ def _any_size() -> Iterator[None]:
 def _read_deep_png(data: bytes, where: str) -> Picture:
     import imagecodecs
 
-    return Picture(*_split(imagecodecs.png_decode(data), where), _png_profile(data))
+    return Picture(*split(imagecodecs.png_decode(data), where), _png_profile(data))
 
 
 def _png_profile(data: bytes) -> bytes | None:
@@ -163,57 +148,6 @@ def _with_png_profile(data: bytes, profile: bytes) -> bytes:
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     end_of_header = 8 + 12 + 13
     return data[:end_of_header] + chunk + data[end_of_header:]
-
-
-def _read_tiff(data: bytes, where: str) -> Picture:
-    import tifffile
-
-    with tifffile.TiffFile(io.BytesIO(data)) as file:
-        if len(file.pages) != 1:
-            raise PictureError(f"{where} is a stack of {len(file.pages)} pages; give a picture of one page")
-        page: Any = file.pages[0]
-        known = tifffile.PHOTOMETRIC
-        if page.photometric not in (known.MINISBLACK, known.MINISWHITE, known.RGB, known.YCBCR):
-            name = getattr(page.photometric, "name", str(page.photometric)).lower()
-            raise PictureError(f"{where} has {name} colours; convert it to grey or RGB first")
-        if page.bitspersample not in (1, 8, 16, 32, 64):
-            raise PictureError(f"{where} has {page.bitspersample} bits per sample; 1, 8, 16 and float can be treated")
-        array = page.asarray()
-        if array.ndim == 3 and page.planarconfig == tifffile.PLANARCONFIG.SEPARATE:
-            array = np.moveaxis(array, 0, -1)
-        if page.bitspersample == 1:
-            array = array.astype(np.uint8) * np.uint8(255)
-        if page.photometric == known.MINISWHITE and array.dtype.kind == "u":
-            array = np.iinfo(array.dtype).max - array
-        array = array.astype(array.dtype.newbyteorder("="), copy=False)
-        profile, orientation = page.tags.get(34675), page.tags.get(274)
-        if orientation is not None:
-            array = _upright(array, int(orientation.value))
-        pixels, alpha = _split(array, where)
-        if alpha is not None and tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples:
-            pixels = _unassociated(pixels, alpha)
-        return Picture(pixels, alpha, None if profile is None else bytes(profile.value))
-
-
-def _upright(array: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """A picture turned as the orientation tag of TIFF and EXIF says, 1 to 8."""
-    if orientation in (5, 6, 7, 8):  # rows and columns are exchanged
-        array = np.swapaxes(array, 0, 1)
-    if orientation in (3, 4, 7, 8):
-        array = array[::-1]
-    if orientation in (2, 3, 6, 7):
-        array = array[:, ::-1]
-    return array
-
-
-def _unassociated(pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Colours that were multiplied by alpha, divided by it again; black where nothing is seen."""
-    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
-    opacity = (alpha if pixels.ndim == 2 else alpha[..., None]).astype(np.float64)
-    colours = np.divide(pixels * float(white), opacity, out=np.zeros(pixels.shape), where=opacity > 0)
-    if pixels.dtype.kind == "u":
-        colours = np.clip(np.rint(colours), 0, white)
-    return colours.astype(pixels.dtype)
 
 
 def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
@@ -242,6 +176,10 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
         raise PictureError(f"{path} cannot be written: {error.strerror}") from None
     if picture is None:
         return
+    if kind != "TIFF" and picture.is_stack:
+        raise PictureError(f"{path}: {kind} holds one picture, this is a stack {picture.axes}; write TIFF")
+    if kind != "TIFF" and picture.channels not in (1, 3):
+        raise PictureError(f"{path}: {kind} holds grey or RGB, the picture has {picture.channels} channels; write TIFF")
     if kind == "JPEG" and picture.alpha is not None:
         raise PictureError(f"{path}: JPEG holds no alpha channel; write PNG or TIFF")
     if kind == "JPEG" and picture.pixels.dtype != np.uint8:
@@ -264,11 +202,11 @@ def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
         As :func:`check_destination`, or a disk that refuses.
     """
     check_destination(path, picture)
-    pixels = picture.pixels if picture.pixels.ndim == 3 else picture.pixels[..., None]
-    planes = pixels if picture.alpha is None else np.concatenate([pixels, picture.alpha[..., None]], axis=-1)
-    array = np.ascontiguousarray(planes[..., 0] if planes.shape[2] == 1 else planes)
     kind = FORMATS[Path(path).suffix.lower()]
-    write_atomically(path, lambda temporary: temporary.write_bytes(_encode(kind, array, picture)))
+    if kind == "TIFF":
+        write_atomically(path, lambda temporary: write_tiff(temporary, picture))
+    else:
+        write_atomically(path, lambda temporary: temporary.write_bytes(_encode(kind, picture)))
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
@@ -288,23 +226,11 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any])
             temporary.unlink(missing_ok=True)
 
 
-def _encode(kind: str, array: npt.NDArray[Any], picture: Picture) -> bytes:
-    buffer = io.BytesIO()
-    if kind == "TIFF":
-        import tifffile
-
-        tifffile.imwrite(
-            buffer,
-            array,
-            photometric="rgb" if picture.pixels.ndim == 3 else "minisblack",
-            planarconfig="contig" if array.ndim == 3 else None,
-            extrasamples=None if picture.alpha is None else ["unassalpha"],
-            compression="zlib",
-            predictor=array.dtype.kind == "u",
-            iccprofile=picture.icc_profile,
-            metadata=None,
-        )
-        return buffer.getvalue()
+def _encode(kind: str, picture: Picture) -> bytes:
+    """A picture as PNG or JPEG."""
+    pixels = picture.pixels if picture.pixels.ndim == 3 else picture.pixels[..., None]
+    planes = pixels if picture.alpha is None else np.concatenate([pixels, picture.alpha[..., None]], axis=-1)
+    array = np.ascontiguousarray(planes[..., 0] if planes.shape[2] == 1 else planes)
     if array.dtype == np.uint16:
         import imagecodecs
 
@@ -312,6 +238,7 @@ def _encode(kind: str, array: npt.NDArray[Any], picture: Picture) -> bytes:
         return encoded if picture.icc_profile is None else _with_png_profile(encoded, picture.icc_profile)
     from PIL import Image
 
+    buffer = io.BytesIO()
     extra: dict[str, Any] = {} if picture.icc_profile is None else {"icc_profile": picture.icc_profile}
     if kind == "JPEG":
         extra |= {"quality": 95, "subsampling": 0}

@@ -571,12 +571,6 @@ def test_only_the_signature(tmp_path):
         refuses(tmp_path / name, "truncated or damaged")
 
 
-def test_stack_of_pages(tmp_path):
-    pages = np.stack([picture("grey", "uint8").pixels] * 4)
-    tifffile.imwrite(tmp_path / "a.tif", pages, photometric="minisblack", metadata=None)
-    refuses(tmp_path / "a.tif", "stack of 4 pages")
-
-
 def test_tiff_kinds_that_are_refused(tmp_path):
     grey = picture("grey", "uint8").pixels
     palette = np.random.default_rng(0).integers(0, 65536, (3, 256), np.uint16)
@@ -587,7 +581,8 @@ def test_tiff_kinds_that_are_refused(tmp_path):
     for dtype in ("int16", "uint32", "float16", "complex64"):
         tifffile.imwrite(tmp_path / "a.tif", grey.astype(dtype))
         refuses(tmp_path / "a.tif", dtype)
-    tifffile.imwrite(tmp_path / "many.tif", np.dstack([grey] * 7), photometric="minisblack", planarconfig="contig")
+    samples = {"photometric": "minisblack", "planarconfig": "contig", "extrasamples": ["unassalpha"] + [0] * 5}
+    tifffile.imwrite(tmp_path / "many.tif", np.dstack([grey] * 7), **samples)
     refuses(tmp_path / "many.tif", "shape")
 
 

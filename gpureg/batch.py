@@ -1,0 +1,179 @@
+"""Many picture files, one after the other, into a folder: a broken one is told at the end and stops nobody."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from statistics import fmean as mean
+from typing import Any
+
+from .backends import BackendUnavailable
+from .files import Settings, beside_of, denoise_file, rehearse
+from .io import FORMATS, PictureError
+from .report import axes_line, left_out, quality_line
+from .solvers.loop import progress_bar
+
+# What may go wrong with one file and is told in a sentence.
+FAILURES = (PictureError, BackendUnavailable, FloatingPointError, MemoryError, ValueError, TypeError)
+
+
+def sentence(error: BaseException) -> str:
+    """What went wrong, for a reader."""
+    if isinstance(error, MemoryError):
+        return f"not enough memory: {error}" if str(error) else "not enough memory"
+    return str(error)
+
+
+@dataclass
+class Outcome:
+    """What became of many files: reports of those done, sentences for those that failed, by name."""
+
+    folder: Path
+    count: int
+    done: list[dict[str, Any]] = field(default_factory=list)
+    failed: list[tuple[Path, str]] = field(default_factory=list)
+    interrupted: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """The outcome as JSON can hold it."""
+        failed = [{"input": str(source), "error": error} for source, error in self.failed]
+        return {"files": self.done, "failed": failed}
+
+    def as_lines(self) -> str:
+        """The outcome for a reader, without the failures."""
+        lines = []
+        guessed = [report for report in self.done if not report.get("axes_named", True)]
+        if guessed:
+            lines.append(f"{axes_line(guessed[0])} ({len(guessed)} file(s))")
+        nans, outside = (sum(report.get(name, 0) for report in self.done) for name in ("nan", "outside_mask"))
+        if nans or outside:
+            lines.append(left_out(nans, outside))
+        measured = [report for report in self.done if "psnr" in report]
+        if measured:
+            psnr, ssim = (
+                {which: mean(float(report[name][which]) for report in measured) for which in ("input", "output")}
+                for name in ("psnr", "ssim")
+            )
+            lines.append(f"{quality_line(psnr, ssim)} on average")
+        seconds = sum(report["seconds"] for report in self.done)
+        on = ", ".join(sorted({report["backend"] for report in self.done}))
+        lines.append(
+            f"done     {len(self.done)} of {self.count} files in {seconds:.2f} s{f' on {on}' if on else ''}"
+            f" -> {self.folder}"
+        )
+        return "\n".join(lines)
+
+    def failures(self) -> str:
+        """A list of the files that failed, with why."""
+        told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
+        return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
+
+
+def is_pattern(text: str) -> bool:
+    """Whether a name stands for many: one with ``*``, ``?`` or ``[``, unless a file has it."""
+    return any(sign in text for sign in "*?[") and not os.path.lexists(text)
+
+
+def expand(names: Sequence[str]) -> list[Path]:
+    """The files that names and patterns stand for, each once.
+
+    Raises
+    ------
+    PictureError
+        A pattern that fits no file.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        fitting = [name]
+        if is_pattern(name):
+            fitting = sorted(path for path in glob.glob(name, recursive=True) if not os.path.isdir(path))
+            if not fitting:
+                raise PictureError(f"{name}: no file fits this pattern")
+        found |= dict.fromkeys(Path(os.path.normpath(path)) for path in fitting)
+    return list(found)
+
+
+def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> list[Path]:
+    """The files to write: those of `sources` by name, in `folder`.
+
+    Raises
+    ------
+    PictureError, ValueError
+        A folder that is none or has no parent; two files of one name, and one that would overwrite what is read.
+    """
+    is_there = os.path.exists(folder)
+    if is_there and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; several inputs, or a pattern, need a folder as OUT")
+    if not is_there and folder.suffix.lower() in FORMATS:
+        raise ValueError(f"{folder} is named like a picture; several inputs, or a pattern, need a folder as OUT")
+    if not is_there and not os.path.isdir(folder.parent):
+        raise PictureError(f"{folder} cannot be created: the folder {folder.parent} does not exist")
+    owner: dict[str, Path] = {}
+    for source in sources:
+        name = os.path.normcase(source.name)
+        if name in owner:
+            raise ValueError(
+                f"{owner[name]} and {source} would both be written to {folder / source.name}; give them in two calls"
+            )
+        owner[name] = source
+    targets = [folder / source.name for source in sources]
+    read = [*sources, *(path for source in sources for path in beside_of(source, settings))]
+    known = {_identity(path): path for path in read if os.path.exists(path)}
+    for target in targets:
+        if os.path.exists(target) and (path := known.get(_identity(target))):
+            raise ValueError(f"{target} would overwrite {path}, which is read; give another folder")
+    return targets
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What is the same for all names of a file."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
+
+
+def _tell_of(tell: Callable[[str], None], source: Path, plan: str) -> None:
+    tell(f"{source}\n{plan}")
+
+
+def denoise_files(
+    sources: Sequence[Path],
+    folder: Path,
+    settings: Settings,
+    *,
+    progress: bool = False,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Outcome:
+    """Denoise files into a folder, which is created if it is not there; the parameters are as in `denoise_file`.
+
+    An interruption ends it after the files that are done; what is written is whole.
+
+    Raises
+    ------
+    PictureError, ValueError, TypeError, BackendUnavailable
+        What no file could be treated with, before any work.
+    """
+    targets = targets_in(folder, sources, settings)
+    rehearse(settings)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise PictureError(f"{folder} cannot be created: {error.strerror}") from None
+    outcome = Outcome(folder, len(sources))
+    try:
+        # The plans that are told would run into the bar.
+        with progress_bar(progress and not settings.explain, len(sources), "files") as report:
+            report(0)
+            for i, (source, target) in enumerate(zip(sources, targets, strict=True), start=1):
+                try:
+                    done = denoise_file(source, target, settings, tell=partial(_tell_of, tell, source))
+                    outcome.done.append(done)
+                except FAILURES as error:
+                    outcome.failed.append((source, sentence(error)))
+                report(i)
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+    return outcome

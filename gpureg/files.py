@@ -1,0 +1,371 @@
+"""From a picture file to a picture file: what ``gpureg denoise`` does with one."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import backends, plot, weights
+from .graph import Metric
+from .image import run_plan
+from .io import Picture, PictureError, check_destination, read_picture, write_picture
+from .noise import estimate_noise
+from .picture import AXES
+from .plan import DenoisePlan, plan_denoising
+from .report import number, report_of
+from .solvers.loop import progress_bar
+from .weights import Weights
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked for besides the files; the fields are the options of ``gpureg denoise``."""
+
+    sigma: float | None = None
+    p: float | None = None
+    lam: float | None = None
+    radius: float | None = None
+    metric: Metric | None = None
+    max_iter: int | None = None
+    tol: float | None = None
+    eps: float | None = None
+    kind: Literal["constant", "bilateral", "patch"] | None = None
+    patch_radius: int = 2
+    h: float | None = None
+    patch_std: float | None = None
+    sigma_space: float | None = None
+    sigma_value: float | None = None
+    backend: str = "auto"
+    dtype: str | None = None
+    memory: int | None = None
+    axes: str | None = None
+    each: tuple[str, ...] = ()
+    spacing: tuple[float, ...] | Literal["file"] | None = None
+    mask: Path | None = None
+    reference: Path | None = None
+    explain: bool = False
+
+
+def as_spacing(text: str) -> tuple[float, ...] | Literal["file"]:
+    """Sizes of a voxel from a text such as ``"3,1,1"``, or the word ``"file"``.
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+
+    Examples
+    --------
+    >>> as_spacing("3,1,1")
+    (3.0, 1.0, 1.0)
+    """
+    if text.strip().lower() == "file":
+        return "file"
+    try:
+        sizes = tuple(float(size) for size in text.split(","))
+    except ValueError:
+        sizes = ()
+    if not sizes or not all(math.isfinite(size) and size > 0 for size in sizes):
+        raise ValueError(f"spacing must be finite numbers > 0 such as 3,1,1, or the word file, got {text!r}")
+    return sizes
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How the axes of a picture are used: some gone through slice by slice, the grid's, and the channels last."""
+
+    through: str
+    grid: str
+    spacing: tuple[float, ...] | None
+
+    def turned(self, array: npt.NDArray[Any], letters: str) -> npt.NDArray[Any]:
+        """The slices of `array`, whose axes have these letters, along one first axis: a view where that can be."""
+        order = [letters.index(letter) for letter in self.through + self.grid + "C" if letter in letters]
+        turned = array.transpose(order)
+        return turned.reshape(-1, *turned.shape[len(self.through) :])
+
+    def turned_back(self, slices: list[npt.NDArray[Any]], picture: Picture) -> npt.NDArray[Any]:
+        """The picture of these slices."""
+        letters = [letter for letter in self.through + self.grid + "C" if letter in picture.axes]
+        shape = [picture.size(letter) for letter in letters]
+        whole = slices[0] if len(slices) == 1 else np.stack(slices)
+        return whole.reshape(shape).transpose([letters.index(letter) for letter in picture.axes])
+
+
+def denoise_file(
+    source: Path,
+    target: Path,
+    settings: Settings,
+    *,
+    progress: bool = False,
+    tell: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Denoise the picture, volume or series `source` into the file `target`.
+
+    Parameters
+    ----------
+    source, target : Path
+    settings : Settings
+    progress : bool, default False
+        Whether to draw a bar.
+    tell : callable, optional
+        Is given the plan of each run before it starts, if ``settings.explain``.
+
+    Returns
+    -------
+    dict
+        What was done, as JSON can hold it.
+
+    Raises
+    ------
+    PictureError
+        A file that cannot be read or written, or files that do not fit together.
+    ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
+        As :func:`gpureg.denoise_image`.
+    """
+    for beside in beside_of(source, settings):
+        if os.path.exists(beside) and os.path.exists(target) and os.path.samefile(beside, target):
+            raise ValueError(f"{target} would overwrite {beside}, which is read; give another OUT")
+    picture = read_picture(source, settings.axes)
+    check_destination(target, picture)
+    layout = _layout(picture, source, settings)
+    inside, nans, masked = _inside(picture, source, settings)
+    slices = layout.turned(picture.pixels, picture.axes)
+    kept = None if inside is None else layout.turned(inside, picture.axes.replace("C", ""))
+    axis = None if picture.channel_axis is None else -1
+    measure: Callable[[npt.NDArray[Any]], tuple[float, float]] | None = None
+    quality: list[tuple[float, float]] = []
+    if settings.reference is not None:
+        clean, limits = _reference(picture, source, _beside(settings.reference, source))
+        clean = layout.turned(clean, picture.axes)
+        measure = partial(_quality, clean=clean, kept=kept, limits=limits, axis=axis)
+        quality.append(measure(slices))
+    through = "".join(letter for letter in layout.through if picture.size(letter) > 1)
+    values, runs = [], []
+    explained: list[str] = []
+    # The plans that are told would run into the bar.
+    with progress_bar(progress and len(slices) > 1 and not settings.explain, len(slices), "slices") as done:
+        for i, part in enumerate(slices):
+            done(i)
+            mask = None if kept is None or kept[i].all() else kept[i]
+            if mask is not None and not mask.any():
+                values.append(part)
+                continue
+            plan = _plan(part, settings, layout.spacing, axis, mask)
+            if settings.explain:
+                heading = "" if len(slices) == 1 else f"slice {i + 1} of {len(slices)} along {through}\n"
+                explained.append(heading + getattr(plan, "explain", plan.describe)())
+                tell(explained[-1])
+            result = run_plan(
+                plan,
+                part,
+                mask=mask,
+                channel_axis=axis,
+                backend=settings.backend,
+                dtype=settings.dtype,
+                progress=progress and len(slices) == 1,
+                memory=settings.memory,
+            )
+            values.append(result.value)
+            runs.append((plan, replace(result, value=np.empty(0))))
+        done(len(slices))
+    if measure is not None:
+        quality.append(measure(np.stack(values)))
+    write_picture(target, replace(picture, pixels=layout.turned_back(values, picture)))
+    report = report_of(runs, source, target, picture, through=through)
+    if layout.spacing is not None:
+        report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
+    if settings.mask is not None:
+        report |= {"mask": str(settings.mask), "outside_mask": masked}
+    if nans:
+        report["nan"] = nans
+    if quality:
+        report["reference"] = str(settings.reference)
+        for name, pair in zip(("psnr", "ssim"), zip(*quality, strict=True), strict=True):
+            report[name] = dict(zip(("input", "output"), map(number, pair), strict=True))
+    if settings.explain:
+        report["explain"] = "\n".join(explained).splitlines()
+    return report
+
+
+def _layout(picture: Picture, source: Path, settings: Settings) -> _Layout:
+    axes = picture.axes
+    for letter in settings.each:
+        if letter not in axes:
+            guess = "" if picture.tags.named else ", as the file names none; --axes TYX makes it a series"
+            raise ValueError(f"--each {letter}: the axes of {source} are {axes}{guess}")
+    joined = "".join(letter for letter in axes if letter not in {"C", *settings.each})
+    sizes: dict[str, float] | None = None
+    if settings.spacing == "file":
+        sizes = picture.tags.sizes
+        missing = ", ".join(letter for letter in joined if letter not in sizes)
+        if missing == "T":
+            raise PictureError(
+                f"{source}: time has no size in the units of space; give the sizes along {', '.join(joined)} as "
+                f"numbers (--spacing), or take the slices one by one (--each T)"
+            )
+        if missing:
+            raise PictureError(
+                f"{source} names no size of a voxel along {missing}; give the sizes along {', '.join(joined)} as "
+                f"numbers, such as --spacing {','.join('1' * len(joined))}"
+            )
+    elif settings.spacing is not None:
+        if len(settings.spacing) != len(joined):
+            raise ValueError(
+                f"--spacing has {len(settings.spacing)} number(s); in {source} {len(joined)} axes join the graph: "
+                f"{', '.join(joined)}"
+            )
+        sizes = dict(zip(joined, settings.spacing, strict=True))
+    # An axis of one slice is none: a picture gets the filter of a picture.
+    grid = "".join(letter for letter in AXES if letter in joined and (letter in "YX" or picture.size(letter) > 1))
+    through = "".join(letter for letter in AXES if letter in axes and letter not in grid + "C")
+    return _Layout(through, grid, None if sizes is None else tuple(sizes[letter] for letter in grid))
+
+
+def _beside(path: Path, source: Path) -> Path:
+    """The file that goes with `source`: `path`, or the one of the same name in the folder `path`."""
+    return path / source.name if os.path.isdir(path) else path
+
+
+def beside_of(source: Path, settings: Settings) -> list[Path]:
+    """The files that are read besides `source`: its mask and its reference."""
+    return [_beside(path, source) for path in (settings.mask, settings.reference) if path is not None]
+
+
+def _inside(picture: Picture, source: Path, settings: Settings) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
+    """Where cells take part, None for everywhere; how many are left out as NaN, how many by the mask."""
+    inside: npt.NDArray[np.bool_] | None = None
+    nans = masked = 0
+    if settings.mask is not None:
+        path = _beside(settings.mask, source)
+        mask = read_picture(path)
+        inside = np.asarray(mask.pixels != 0)
+        if mask.channel_axis is not None:
+            inside = np.asarray(inside.any(axis=mask.channel_axis))
+        if inside.shape != picture.cells:
+            raise PictureError(f"the mask {path} has the shape {inside.shape}, {source} has {picture.cells}")
+        masked = inside.size - int(np.count_nonzero(inside))
+    if picture.pixels.dtype.kind == "f":
+        number = ~np.isnan(picture.pixels)
+        if picture.channel_axis is not None:
+            number = number.all(axis=picture.channel_axis)
+        if not number.all():
+            both = number if inside is None else number & inside
+            nans = (number.size if inside is None else int(np.count_nonzero(inside))) - int(np.count_nonzero(both))
+            inside = both
+    if inside is not None and not inside.any():
+        raise PictureError(f"{source}: no pixel takes part, all are NaN or outside the mask")
+    return inside, nans, masked
+
+
+def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], tuple[float, float]]:
+    """The clean picture, and the range that its PSNR is of."""
+    clean = read_picture(path, picture.axes if picture.is_stack else None).pixels
+    if clean.shape != picture.pixels.shape:
+        raise PictureError(f"the reference {path} has the shape {clean.shape}, {source} has {picture.pixels.shape}")
+    whole = [array.dtype for array in (picture.pixels, clean) if array.dtype.kind == "u"]
+    if len(set(whole)) > 1:
+        raise PictureError(f"the reference {path} holds {clean.dtype}, {source} {picture.pixels.dtype}; convert one")
+    if whole:
+        return clean, (0, np.iinfo(whole[0]).max)
+    finite = clean[np.isfinite(clean)]
+    if not (finite.size and finite.max() > finite.min()):
+        raise PictureError(f"the reference {path} has no range to measure by: its values are constant or not finite")
+    return clean, (float(finite.min()), float(finite.max()))
+
+
+def _quality(
+    slices: npt.NDArray[Any],
+    clean: npt.NDArray[Any],
+    kept: npt.NDArray[np.bool_] | None,
+    limits: tuple[float, float],
+    axis: int | None,
+) -> tuple[float, float]:
+    """PSNR of all slices, and SSIM, of which slices and time have the mean."""
+    if kept is not None:
+        slices = np.where(kept if axis is None else kept[..., None], slices, np.nan)
+    cells = slices.ndim - (axis is not None)
+    try:
+        if len(slices) == 1 and cells <= 4:
+            return plot.quality(slices[0], clean[0], limits, channel_axis=axis)
+        flat = (-1, *slices.shape[cells - 1 :])
+        psnr, _ = plot.quality(slices.reshape(flat), clean.reshape(flat), limits, channel_axis=axis)
+        parts = (array.reshape(-1, *array.shape[2 if cells == 5 else 1 :]) for array in (slices, clean))
+        found = [plot.quality(one, other, limits, channel_axis=axis)[1] for one, other in zip(*parts, strict=True)]
+    except ImportError as error:
+        raise PictureError(f"--reference: {error}") from None
+    known = [ssim for ssim in found if not math.isnan(ssim)]
+    return psnr, sum(known) / len(known) if known else math.nan
+
+
+def _plan(
+    part: npt.NDArray[Any],
+    settings: Settings,
+    spacing: tuple[float, ...] | None,
+    axis: int | None,
+    mask: npt.NDArray[np.bool_] | None,
+) -> DenoisePlan:
+    """What to do with a picture, a volume or a series."""
+
+    def noise_of_it() -> float:
+        return estimate_noise(part, channel_axis=axis, mask=mask)
+
+    function: Weights | None = None
+    if settings.kind is not None:
+        noise = noise_of_it() if settings.sigma is None else settings.sigma
+        lacks = {"bilateral": settings.sigma_value is None, "patch": settings.h is None}.get(settings.kind, False)
+        if lacks and noise == 0:
+            pass  # nothing to choose from, and nothing to do
+        elif settings.kind == "constant":
+            function = weights.constant()
+        elif settings.kind == "bilateral":
+            reach = 3.0 * min(spacing or (1.0,)) if settings.sigma_space is None else settings.sigma_space
+            function = weights.bilateral(reach, 3 * noise if settings.sigma_value is None else settings.sigma_value)
+        else:
+            channels = 1 if axis is None else part.shape[axis]
+            ndim = part.ndim - (axis is not None)
+            samples = (2 * settings.patch_radius + 1) ** ndim if settings.patch_std is None else 1
+            h = 0.6 * noise * math.sqrt(samples * channels) if settings.h is None else settings.h
+            function = weights.patch(settings.patch_radius, h, sigma=noise, a=settings.patch_std)
+    plan = plan_denoising(
+        part,
+        sigma=settings.sigma,
+        p=settings.p,
+        lam=settings.lam,
+        radius=settings.radius,
+        metric=settings.metric,
+        weights=function,
+        max_iter=settings.max_iter,
+        tol=settings.tol,
+        eps=settings.eps,
+        mask=mask,
+        spacing=spacing,
+        channel_axis=axis,
+    )
+    if plan.sigma is None:  # it decided nothing, but is reported
+        plan = replace(plan, sigma=noise_of_it(), estimated=True)
+    return plan
+
+
+def rehearse(settings: Settings) -> None:
+    """Raise what any picture would: options that are wrong whatever the file holds.
+
+    Raises
+    ------
+    ValueError, TypeError, BackendUnavailable
+        As :func:`denoise_file`.
+    """
+    backends.get(settings.backend, np.float32 if settings.dtype is None else settings.dtype)
+    noise = np.random.default_rng(0).standard_normal((8, 8))
+    if settings.spacing is not None:  # in whose units the radius is
+        settings = replace(settings, radius=None)
+    plan = _plan(noise, settings, None, None, None)
+    run_plan(replace(plan, max_iter=min(plan.max_iter, 1)), noise, backend="numpy", dtype=settings.dtype)

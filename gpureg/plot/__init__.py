@@ -1,0 +1,7 @@
+"""Pictures of results: :mod:`gpureg.plot`. Matplotlib draws them (extra ``plot``), imported when the first is drawn."""
+
+from .comparison import compare, quality
+from .energies import energy
+from .neighbourhood import neighbours
+
+__all__ = ["compare", "energy", "neighbours", "quality"]

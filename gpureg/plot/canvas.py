@@ -1,0 +1,204 @@
+"""What the pictures share: a figure and its file, sections of a volume, pixels as colours."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graph import FloatArray, unmasked
+from ..io import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Path_ = str | os.PathLike[str]
+
+# The colour of pixels that have no value.
+UNKNOWN = "#ff7f0e"
+# Inches of the widest panel, and of the longest column of them.
+_PANEL, _COLUMN = 4.6, 13.0
+# Letters of the caption that an inch holds.
+_LETTERS = 12
+
+
+def missing(name: str, package: str) -> ImportError:
+    """What to raise where a library of the extra is not installed."""
+    return ImportError(f"this needs {package}: pip install 'gpureg[plot]'", name=name)
+
+
+def check_path(path: Path_ | None) -> None:
+    """Refuse a file whose extension is none of a picture, before anything is computed.
+
+    Raises
+    ------
+    ImportError
+        Matplotlib is not installed.
+    ValueError
+        The extension.
+    """
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise missing("matplotlib", "matplotlib") from None
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    if path is not None and Path(path).suffix.lower().removeprefix(".") not in kinds:
+        raise ValueError(f"{path}: the extension must be one of {', '.join(f'.{kind}' for kind in sorted(kinds))}")
+
+
+def new_figure(width: float, height: float, layout: Literal["constrained"] | None = None) -> Figure:
+    """An empty figure that no window and no global state knows, sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def finish(figure: Figure, path: Path_ | None) -> Figure:
+    """The figure, once it is written to `path` where there is one."""
+    if path is not None:
+        write_atomically(path, lambda temporary: figure.savefig(temporary))
+    return figure
+
+
+def as_picture(image: npt.ArrayLike, name: str, channel_axis: int | None) -> npt.NDArray[Any]:
+    """An image or a volume as (*shape, channels), a view.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Values that are not real, an axis of channels that is not there, other than two or three axes beside it.
+    """
+    array = unmasked(image, name)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    if channel_axis is not None:
+        if not -array.ndim <= channel_axis < array.ndim:
+            raise ValueError(f"channel_axis = {channel_axis} is no axis of {name}, which has shape {array.shape}")
+        array = np.moveaxis(array, channel_axis, -1)
+    else:
+        array = array[..., None]
+    if array.ndim not in (3, 4) or 0 in array.shape:
+        raise ValueError(
+            f"{name} must be an image of two axes or a volume of three, channels apart (channel_axis), "
+            f"got shape {np.shape(image)}"
+        )
+    return array
+
+
+@dataclass(frozen=True)
+class Section:
+    """A plane of an image or a volume: all of the former, or the latter at a place of one axis."""
+
+    rows: int
+    columns: int
+    fixed: int | None = None
+    at: int = 0
+
+    def of(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The plane of an array on the grid, further axes kept."""
+        return array if self.fixed is None else array.take(self.at, axis=self.fixed)
+
+    def size(self, shape: Sequence[float], spacing: Sequence[float]) -> tuple[float, float]:
+        """Height and width in the units of the spacing."""
+        return shape[self.rows] * spacing[self.rows], shape[self.columns] * spacing[self.columns]
+
+    def __str__(self) -> str:
+        return "" if self.fixed is None else f"axis {self.fixed} at {self.at}"
+
+
+def sections(at: Sequence[int]) -> list[Section]:
+    """The planes through a pixel that are parallel to the axes: one of an image, three of a volume."""
+    if len(at) == 2:
+        return [Section(0, 1)]
+    return [Section(1, 2, 0, at[0]), Section(0, 2, 1, at[1]), Section(0, 1, 2, at[2])]
+
+
+def as_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:
+    """The distances between pixels, checked; 1 where none are given."""
+    steps = (1.0,) * ndim if spacing is None else tuple(float(step) for step in spacing)
+    if len(steps) != ndim or not all(np.isfinite(step) and step > 0 for step in steps):
+        raise ValueError(f"spacing must hold {ndim} finite numbers > 0, one per axis, got {spacing}")
+    return steps
+
+
+def colours(plane: npt.NDArray[Any], black: float, white: float) -> FloatArray:
+    """Pixels (H, W, m) as colours (H, W, 3): three channels as they are, the mean of any other number as grey.
+
+    What is not finite gets a colour of its own.
+    """
+    from matplotlib.colors import to_rgb
+
+    values = plane.astype(np.float64)
+    if values.shape[-1] != 3:
+        values = values.mean(axis=-1, keepdims=True)
+    known = np.isfinite(values).all(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        levels = np.clip((values - black) / (white - black), 0, 1)
+    return np.where(known, levels, to_rgb(UNKNOWN))
+
+
+def panels(
+    cuts: Sequence[Section], shape: Sequence[int], steps: Sequence[float], titles: Sequence[str], caption: Sequence[str]
+) -> tuple[Figure, Any, Axes]:
+    """A figure, its axes (sections, titles) with room for pictures at one scale, and the axes of a colour bar.
+
+    Placed by hand: the layouts that Matplotlib finds shrink panels whose sections differ in shape, or overlap titles.
+    """
+    sizes = [cut.size(shape, steps) for cut in cuts]
+    widest = max(width for _, width in sizes)
+    unit = min(_PANEL / widest, _COLUMN / sum(height for height, _ in sizes))
+    # not so flat or so narrow that titles and ticks find no room
+    heights = [max(unit * height, 0.8) for height, _ in sizes]
+    width, gap = max(unit * widest, 2.6), 0.12
+    left, right = 0.12 if len(cuts) == 1 else 0.4, 1.1
+    above = 0.15 + 0.2 * max(title.count("\n") + 1 for title in titles)
+    across = left + len(titles) * (width + gap) + right
+    lines = [part for line in caption for part in textwrap.wrap(line, int(across * _LETTERS))]
+    below = 0.12 + 0.2 * len(lines)
+    total = (across, above + sum(heights) + gap * (len(cuts) - 1) + below)
+    figure = new_figure(*total)
+
+    def place(x: float, y: float, w: float, h: float) -> Axes:
+        return figure.add_axes((x / total[0], y / total[1], w / total[0], h / total[1]))
+
+    axes = np.empty((len(cuts), len(titles)), object)
+    top = total[1] - above
+    for row, cut, height in zip(axes, cuts, heights, strict=True):
+        top -= height
+        for k in range(len(titles)):
+            row[k] = place(left + k * (width + gap), top, width, height)
+            row[k].set_anchor("N")
+        row[0].set_ylabel(str(cut))
+        top -= gap
+    for panel, title in zip(axes[0], titles, strict=True):
+        panel.set_title(title, fontsize=11)
+    if lines:
+        figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
+    long = min(total[1] - above - below, _PANEL)
+    bar = place(total[0] - right, total[1] - above - long, 0.18, long)
+    return figure, axes, bar
+
+
+def show(axes: Axes, picture: FloatArray, cut: Section, steps: Sequence[float]) -> None:
+    """Draw colours into a panel, without ticks, its pixels as high and wide as the spacing says."""
+    axes.imshow(picture, aspect=steps[cut.rows] / steps[cut.columns])
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def unknown_in(pictures: Sequence[FloatArray]) -> list[str]:
+    """A line for the caption where pixels without a value are drawn, else none."""
+    from matplotlib.colors import to_rgb
+
+    drawn = any((picture == to_rgb(UNKNOWN)).all(axis=-1).any() for picture in pictures)
+    return ["orange: no finite value"] if drawn else []

@@ -1,0 +1,240 @@
+"""Noisy, denoised, and what was taken away, side by side; PSNR and SSIM."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .canvas import (
+    Path_,
+    as_picture,
+    as_spacing,
+    check_path,
+    colours,
+    finish,
+    missing,
+    panels,
+    sections,
+    show,
+    unknown_in,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Side of the window of the structural similarity.
+_WINDOW = 7
+# Share of the differences that the scale of their panel holds; the others are drawn as its ends.
+_SHOWN = 0.995
+
+
+def _finite(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return array[np.isfinite(array)] if array.dtype.kind == "f" else array
+
+
+def _scale(
+    data_range: float | tuple[float, float] | None, pictures: Sequence[npt.NDArray[Any]]
+) -> tuple[float, float, bool]:
+    """Black, white, and whether an integer type alone says so; the first picture decides."""
+    if data_range is not None:
+        ends = np.asarray(data_range, np.float64)
+        black, white = (0.0, float(ends)) if ends.ndim == 0 else map(float, ends)
+        if not (math.isfinite(black) and math.isfinite(white) and white > black):
+            raise ValueError(f"data_range must be a number > 0, or (black, white) with white > black, got {data_range}")
+        return black, white, False
+    for picture in pictures:
+        if picture.dtype.kind in "iu":
+            limits = np.iinfo(picture.dtype)
+            return float(limits.min), float(limits.max), True
+        if picture.dtype.kind == "b":
+            return 0.0, 1.0, False
+    return *_span(pictures[0]), False
+
+
+def _span(picture: npt.NDArray[Any]) -> tuple[float, float]:
+    values = _finite(picture)
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    return (low, high) if high > low else (low, low + 1)
+
+
+def quality(
+    image: npt.ArrayLike,
+    reference: npt.ArrayLike,
+    data_range: float | tuple[float, float] | None = None,
+    *,
+    channel_axis: int | None = None,
+) -> tuple[float, float]:
+    """Measure how near an image comes to a reference: PSNR in dB, and SSIM.
+
+    Parameters
+    ----------
+    image, reference : array
+        Of one shape, two axes or three, and one of channels if any.
+    data_range : float or (float, float), optional
+        White, or black and white, in the image's units. None: the limits of the integer type if one of the two has
+        one, else the span of the reference's values.
+    channel_axis : int, optional
+        The axis of the channels; None for grey.
+
+    Returns
+    -------
+    psnr, ssim : float
+        Peak signal-to-noise ratio in dB, infinite where the two agree, and structural similarity, at most 1 and NaN
+        for an image with fewer than three pixels along an axis. Pixels of which one is not finite do not count, nor do
+        windows of the similarity that hold one.
+
+    Raises
+    ------
+    ImportError
+        scikit-image is not installed.
+    TypeError, ValueError
+        Shapes that differ, values that are not real, an impossible data range.
+
+    Notes
+    -----
+    Both are scikit-image's, with its default settings; the window of the similarity shrinks from 7 pixels to what an
+    image holds.
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> clean = np.add.outer(np.arange(16.0), np.arange(16.0))
+    >>> psnr, ssim = gr.plot.quality(clean + 1, clean, 30)
+    >>> round(psnr, 2), round(ssim, 2)
+    (29.54, 0.98)
+    """
+    one, two = as_picture(image, "image", channel_axis), as_picture(reference, "reference", channel_axis)
+    if one.shape != two.shape:
+        raise ValueError(f"image and reference must have one shape, got {np.shape(image)} and {np.shape(reference)}")
+    try:
+        from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+    except ImportError:
+        raise missing("skimage", "scikit-image") from None
+    black, white, _ = _scale(data_range, (two, one))
+    span = white - black
+    one, two = (picture.astype(np.float64) for picture in (one, two))
+    known = np.isfinite(one) & np.isfinite(two)
+    if not known.any():
+        return math.nan, math.nan
+    with np.errstate(divide="ignore"):
+        psnr = float(peak_signal_noise_ratio(two[known], one[known], data_range=span))
+    window = min(_WINDOW, *one.shape[:-1])
+    window -= 1 - window % 2
+    if window < 3:
+        return psnr, math.nan
+    one, two = np.where(known, one, 0), np.where(known, two, 0)
+    _, similar = structural_similarity(one, two, win_size=window, data_range=span, channel_axis=-1, full=True)
+    counts: npt.NDArray[np.bool_] = known
+    for axis in range(known.ndim - 1):
+        counts = np.asarray(np.lib.stride_tricks.sliding_window_view(counts, window, axis=axis).all(axis=-1))
+    inner = (slice(window // 2, -(window // 2)),) * (known.ndim - 1)
+    similar = similar[inner][counts]
+    return psnr, float(similar.mean()) if similar.size else math.nan
+
+
+def _title(name: str, values: tuple[float, float] | None) -> str:
+    if values is None:
+        return name
+    ssim = "" if math.isnan(values[1]) else f", SSIM {values[1]:.3f}"
+    return f"{name}\nPSNR {values[0]:.2f} dB{ssim}"
+
+
+def compare(
+    noisy: npt.ArrayLike,
+    denoised: npt.ArrayLike,
+    *,
+    reference: npt.ArrayLike | None = None,
+    path: Path_ | None = None,
+    data_range: float | tuple[float, float] | None = None,
+    spacing: Sequence[float] | None = None,
+    caption: str = "",
+    channel_axis: int | None = None,
+) -> Figure:
+    """Draw noisy | denoised | difference, with PSNR and SSIM where a reference is given.
+
+    Parameters
+    ----------
+    noisy, denoised : array
+        Two axes or three, and one of channels if any. Of a volume the three planes through its middle are drawn. Three
+        channels are red, green and blue; of any other number the mean is drawn. NaN and infinity are allowed, and
+        drawn orange.
+    reference : array, optional
+        The picture without noise.
+    path : path, optional
+        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+    data_range : float or (float, float), optional
+        White, or black and white, in the data's units; PSNR and SSIM count with it. None: the limits of the integer
+        type, or for floats the span of the reference, or without one of `noisy`. Integers of more than 8 bits are
+        drawn over the span of their values all the same.
+    spacing : sequence of float, optional
+        Distance between pixels along each axis; None means 1.
+    caption : str, optional
+        A line below.
+    channel_axis : int, optional
+        The axis of the channels; None for grey.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib, or scikit-image for the titles, is not installed.
+    OSError
+        The file cannot be written; nothing is left behind then.
+    TypeError, ValueError
+        Shapes that differ, values that are not real, an impossible data range, an extension that is no picture's.
+
+    Notes
+    -----
+    The difference noisy - denoised has zero in the middle grey and a scale that holds 99.5 percent of it; structure in
+    it is what the filter took away with the noise.
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> noisy = np.random.default_rng(0).normal(100, 20, (64, 64))
+    >>> figure = gr.plot.compare(noisy, gr.denoise_image(noisy, backend="numpy"))
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['noisy', 'denoised']
+    """
+    check_path(path)
+    before, after = as_picture(noisy, "noisy", channel_axis), as_picture(denoised, "denoised", channel_axis)
+    clean = None if reference is None else as_picture(reference, "reference", channel_axis)
+    for name, picture in (("denoised", after), ("reference", clean)):
+        if picture is not None and picture.shape != before.shape:
+            raise ValueError(f"{name} must have the shape of noisy, {before.shape}, got {picture.shape}, channels last")
+    steps = as_spacing(spacing, before.ndim - 1)
+    given = (before,) if clean is None else (clean, before)
+    black, white, by_type = _scale(data_range, given)
+    titles = [
+        _title(name, None if clean is None else quality(picture, clean, (black, white), channel_axis=-1))
+        for name, picture in (("noisy", before), ("denoised", after))
+    ]
+    if by_type and white - black > 255:
+        black, white = _span(given[0])
+    cuts = sections([size // 2 for size in before.shape[:-1]])
+    removed = [cut.of(before).astype(np.float64) - cut.of(after) for cut in cuts]
+    sizes = np.abs(np.concatenate([_finite(plane).ravel() for plane in removed]))
+    most = float(sizes.max()) if sizes.size else 0.0
+    spread = (float(np.quantile(sizes, _SHOWN)) if sizes.size else 0.0) or most or 1.0
+    drawn = [
+        [*(colours(cut.of(x), black, white) for x in (before, after)), colours(plane, -spread, spread)]
+        for cut, plane in zip(cuts, removed, strict=True)
+    ]
+    below = [*caption.splitlines(), *unknown_in([picture for pictures in drawn for picture in pictures])]
+    figure, axes, beside = panels(cuts, before.shape, steps, [*titles, "noisy - denoised"], below)
+    for row, cut, pictures in zip(axes, cuts, drawn, strict=True):
+        for panel, picture in zip(row, pictures, strict=True):
+            show(panel, picture, cut, steps)
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    bar = ScalarMappable(Normalize(-spread, spread), "gray")
+    figure.colorbar(bar, cax=beside, extend="both" if most > spread else "neither")
+    return finish(figure, path)

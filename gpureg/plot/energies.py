@@ -1,0 +1,89 @@
+"""How the energy fell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..result import Result
+from .canvas import Path_, check_path, finish, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def energy(result: Result | Mapping[str, Result], *, minimum: float | None = None, path: Path_ | None = None) -> Figure:
+    """Draw the energy at each check of a run, and beside it, on a log scale, how far it is above its minimum.
+
+    Parameters
+    ----------
+    result : Result, or mapping of str to Result
+        One run, or several by their labels: of one problem, by different solvers or from different starts. The energies
+        of different problems have no common minimum.
+    minimum : float, optional
+        The energy of the minimiser where it is known. None: the least energy of all the runs, whose own last points a
+        log scale cannot show.
+    path : path, optional
+        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written; nothing is left behind then.
+    TypeError, ValueError
+        No result, one without energies (a run in tiles reports none), an extension that is no picture's.
+
+    Notes
+    -----
+    The energy is that of eq. 19 with the gradient norm smoothed by eps (eq. 15), as ``Result.energy`` holds it. The
+    second panel is left out where no point lies above the minimum.
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> step = np.repeat([0.0, 0.2, 1.0], 20)
+    >>> runs = {f"p = {p}": gr.regularize(step, gr.GridGraph(60), p=p, backend="numpy") for p in (1, 2)}
+    >>> figure = gr.plot.energy(runs["p = 2"])
+    >>> [axes.get_yscale() for axes in figure.axes]
+    ['linear', 'log']
+    """
+    check_path(path)
+    runs = dict(result) if isinstance(result, Mapping) else {"": result}
+    if not runs:
+        raise ValueError("there is no result to draw: the mapping is empty")
+    for label, run in runs.items():
+        name = f"the result {label!r}" if isinstance(result, Mapping) else "the result"
+        if not isinstance(run, Result):
+            raise TypeError(f"{name} must be a gpureg.Result, got {type(run).__name__}")
+        if not len(run.energy):
+            raise ValueError(
+                f"{name} holds no energies: runs in tiles report none, nor do single steps whose weights are not "
+                "stored; gpureg.regularize on a job that fits into memory reports them"
+            )
+    least = min(float(run.energy.min()) for run in runs.values()) if minimum is None else float(minimum)
+    above = any((run.energy > least).any() for run in runs.values())
+    figure = new_figure(10 if above else 5.5, 4, "constrained")
+    left, *right = figure.subplots(1, 2 if above else 1, squeeze=False)[0]
+    for k, (label, run) in enumerate(runs.items()):
+        style = {"marker": ".", "markersize": 5, "linewidth": 1.4, "color": f"C{k % 10}", "label": label}
+        left.plot(run.checks, run.energy, **style)
+        for panel in right:
+            panel.plot(run.checks, np.where(run.energy > least, run.energy - least, np.nan), **style)
+    left.set(ylabel="energy", title="energy (eq. 19)")
+    for panel in right:
+        panel.set(yscale="log", ylabel=f"energy - {least:.6g}", title="above the minimum")
+    for panel in (left, *right):
+        panel.set_xlabel("iterations")
+        panel.grid(True, color="#dddddd", linewidth=0.6)
+        panel.spines[["top", "right"]].set_visible(False)
+    if isinstance(result, Mapping):
+        (right or [left])[0].legend(frameon=False)
+    return finish(figure, path)
