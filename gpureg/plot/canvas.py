@@ -95,6 +95,19 @@ def as_picture(image: npt.ArrayLike, name: str, channel_axis: int | None) -> npt
     return array
 
 
+def finite(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The values that are finite, in one row."""
+    values: npt.NDArray[Any] = picture[np.isfinite(picture)]
+    return values
+
+
+def span(picture: npt.NDArray[Any]) -> tuple[float, float]:
+    """The least and the largest finite value; made to differ where they do not."""
+    values = finite(picture)
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    return (low, high) if high > low else (low, low + (abs(low) or 1.0))
+
+
 @dataclass(frozen=True)
 class Section:
     """A plane of an image or a volume: all of the former, or the latter at a place of one axis."""

@@ -16,10 +16,12 @@ from .canvas import (
     check_path,
     colours,
     finish,
+    finite,
     missing,
     panels,
     sections,
     show,
+    span,
     unknown_in,
 )
 
@@ -32,18 +34,14 @@ _WINDOW = 7
 _SHOWN = 0.995
 
 
-def _finite(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return array[np.isfinite(array)] if array.dtype.kind == "f" else array
-
-
 def _scale(
     data_range: float | tuple[float, float] | None, pictures: Sequence[npt.NDArray[Any]]
 ) -> tuple[float, float, bool]:
     """Black, white, and whether an integer type alone says so; the first picture decides."""
     if data_range is not None:
         ends = np.asarray(data_range, np.float64)
-        black, white = (0.0, float(ends)) if ends.ndim == 0 else map(float, ends)
-        if not (math.isfinite(black) and math.isfinite(white) and white > black):
+        black, white = (0.0, float(ends)) if ends.ndim == 0 else (float(ends.flat[0]), float(ends.flat[-1]))
+        if ends.shape not in ((), (2,)) or not (math.isfinite(black) and math.isfinite(white) and white > black):
             raise ValueError(f"data_range must be a number > 0, or (black, white) with white > black, got {data_range}")
         return black, white, False
     for picture in pictures:
@@ -52,13 +50,7 @@ def _scale(
             return float(limits.min), float(limits.max), True
         if picture.dtype.kind == "b":
             return 0.0, 1.0, False
-    return *_span(pictures[0]), False
-
-
-def _span(picture: npt.NDArray[Any]) -> tuple[float, float]:
-    values = _finite(picture)
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    return (low, high) if high > low else (low, low + 1)
+    return *span(pictures[0]), False
 
 
 def quality(
@@ -105,7 +97,7 @@ def quality(
     >>> clean = np.add.outer(np.arange(16.0), np.arange(16.0))
     >>> psnr, ssim = gr.plot.quality(clean + 1, clean, 30)
     >>> round(psnr, 2), round(ssim, 2)
-    (29.54, 0.98)
+    (29.54, 1.0)
     """
     one, two = as_picture(image, "image", channel_axis), as_picture(reference, "reference", channel_axis)
     if one.shape != two.shape:
@@ -115,19 +107,19 @@ def quality(
     except ImportError:
         raise missing("skimage", "scikit-image") from None
     black, white, _ = _scale(data_range, (two, one))
-    span = white - black
+    width = white - black
     one, two = (picture.astype(np.float64) for picture in (one, two))
     known = np.isfinite(one) & np.isfinite(two)
     if not known.any():
         return math.nan, math.nan
     with np.errstate(divide="ignore"):
-        psnr = float(peak_signal_noise_ratio(two[known], one[known], data_range=span))
+        psnr = float(peak_signal_noise_ratio(two[known], one[known], data_range=width))
     window = min(_WINDOW, *one.shape[:-1])
     window -= 1 - window % 2
     if window < 3:
         return psnr, math.nan
     one, two = np.where(known, one, 0), np.where(known, two, 0)
-    _, similar = structural_similarity(one, two, win_size=window, data_range=span, channel_axis=-1, full=True)
+    _, similar = structural_similarity(one, two, win_size=window, data_range=width, channel_axis=-1, full=True)
     counts: npt.NDArray[np.bool_] = known
     for axis in range(known.ndim - 1):
         counts = np.asarray(np.lib.stride_tricks.sliding_window_view(counts, window, axis=axis).all(axis=-1))
@@ -217,10 +209,10 @@ def compare(
         for name, picture in (("noisy", before), ("denoised", after))
     ]
     if by_type and white - black > 255:
-        black, white = _span(given[0])
+        black, white = span(given[0])
     cuts = sections([size // 2 for size in before.shape[:-1]])
     removed = [cut.of(before).astype(np.float64) - cut.of(after) for cut in cuts]
-    sizes = np.abs(np.concatenate([_finite(plane).ravel() for plane in removed]))
+    sizes = np.abs(np.concatenate([finite(plane) for plane in removed]))
     most = float(sizes.max()) if sizes.size else 0.0
     spread = (float(np.quantile(sizes, _SHOWN)) if sizes.size else 0.0) or most or 1.0
     drawn = [

@@ -24,11 +24,13 @@ from .canvas import (
     panels,
     sections,
     show,
+    span,
     unknown_in,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 _FRAME = "#ff2d55"
@@ -93,7 +95,7 @@ def neighbours(
     >>> step = np.repeat([0.0, 1.0], 8) * np.ones((16, 1))
     >>> figure = gr.plot.neighbours(step, (8, 4), weights=gr.weights.bilateral(3, 0.2), radius=5)
     >>> figure.axes[2].get_title()
-    '109 weights, sum 21.97'
+    '109 weights, sum 25.23'
     """
     check_path(path)
     picture = as_picture(image, "image", channel_axis)
@@ -105,8 +107,8 @@ def neighbours(
         graph = GridGraph(shape, radius, metric, spacing=spacing, mask=mask)
     elif radius is not None or spacing is not None or mask is not None:
         raise ValueError("radius, spacing and mask make a window; a graph has its neighbours already: give one of them")
-    if graph.n_vertices != np.prod(shape):
-        raise ValueError(f"the graph must have a vertex per pixel of {shape}, got {graph.n_vertices} vertices")
+    if graph.n_vertices != np.prod(shape) or (isinstance(graph, GridGraph) and graph.shape != shape):
+        raise ValueError(f"the graph must have a vertex per pixel of {shape}, got {graph!r}")
     places, values = _weights_of(graph, picture, at, weights, backend)
     if not len(values):
         raise ValueError(f"pixel {at} has no neighbours in {graph!r}")
@@ -115,7 +117,7 @@ def neighbours(
     # A border's half pixel more on either side.
     all_places = np.vstack([places, at])
     low, high = all_places.min(axis=0) - 0.5, all_places.max(axis=0) + 0.5
-    black, white = _extremes(picture)
+    black, white = span(picture)
     cuts = sections(at)
     drawn = [colours(cut.of(picture), black, white) for cut in cuts]
     titles = [f"pixel u = {at}", "in the frame", f"{len(values)} weights, sum {values.sum():.4g}"]
@@ -138,7 +140,7 @@ def neighbours(
         here = np.full(len(values), True) if cut.fixed is None else places[:, cut.fixed] == cut.at
         # a single pixel of a wide frame would not be seen
         side = max(1.0, (right - left) / 60, (bottom - top) / 60)
-        _squares(row[2], places[here][:, [cut.columns, cut.rows]], bar.to_rgba(values[here]), side)
+        _squares(row[2], places[here][:, [cut.columns, cut.rows]], values[here], bar, side)
     figure.colorbar(bar, cax=beside, label="w(u, v)")
     return finish(figure, path)
 
@@ -151,12 +153,6 @@ def _inside(pixel: Sequence[int], shape: tuple[int, ...]) -> tuple[int, ...]:
     if len(at) != len(shape) or not all(0 <= i < size for i, size in zip(at, shape, strict=True)):
         raise ValueError(f"pixel must lie in the image of shape {shape}, counted from 0 along each axis, got {at}")
     return at
-
-
-def _extremes(picture: npt.NDArray[Any]) -> tuple[float, float]:
-    values = picture[np.isfinite(picture)]
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    return low, max(high, np.nextafter(low, np.inf))
 
 
 def _weights_of(
@@ -187,9 +183,10 @@ def _weights_of(
         slice(max(0, i - reach), min(size, i + reach + 1))
         for i, reach, size in zip(at, halo(problem, 1), shape, strict=True)
     )
-    if isinstance(problem.weights, Weights) and problem.weights.part(graph, box) is None:
-        box = tuple(slice(0, size) for size in shape)
     part = part_problem(problem, Tile(box, box))
+    if isinstance(problem.weights, Weights) and part.weights is None:
+        # they cannot be cut
+        part, box = problem, tuple(slice(0, size) for size in shape)
     grid = part.graph
     assert isinstance(grid, GridGraph)
     half = device.get_weights(DeviceProblem.put(part, device).weighted)
@@ -216,11 +213,10 @@ def _outline(axes: Axes, low: tuple[float, float], high: tuple[float, float], co
     axes.add_patch(Rectangle(low, *size, fill=False, edgecolor=colour, linewidth=1.4, clip_on=False, zorder=3))
 
 
-def _squares(axes: Axes, centres: IntArray, colours: FloatArray, side: float) -> None:
+def _squares(axes: Axes, centres: IntArray, values: FloatArray, bar: ScalarMappable, side: float) -> None:
     from matplotlib.collections import PolyCollection
 
     corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) * side
-    axes.add_collection(
-        PolyCollection(list(centres[:, None, :] + corners), facecolors=colours, edgecolors=colours, linewidths=0.3),
-        autolim=False,
-    )
+    squares = PolyCollection(list(centres[:, None, :] + corners), edgecolors="face", linewidths=0.3)
+    squares.set(array=values, cmap=bar.cmap, norm=bar.norm)
+    axes.add_collection(squares, autolim=False)
