@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, plot, spectral, weights
+from . import operators, plot, presets, spectral, weights
 from .backends import BackendUnavailable
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
@@ -45,6 +45,7 @@ __all__ = [
     "patch_graph",
     "plan_denoising",
     "plot",
+    "presets",
     "propagate_labels",
     "read_graph",
     "regularize",

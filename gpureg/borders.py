@@ -8,10 +8,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-Border = Literal["clip", "reflect", "nearest", "wrap", "constant"]
+Border = Literal["clip", "reflect", "symmetric", "nearest", "wrap", "constant"]
 BORDERS: tuple[Border, ...] = get_args(Border)
 
-_MODES: dict[Border, Any] = {"reflect": "reflect", "nearest": "edge", "wrap": "wrap", "constant": "constant"}
+_MODES: dict[Border, Any] = {
+    "reflect": "reflect",
+    "symmetric": "symmetric",
+    "nearest": "edge",
+    "wrap": "wrap",
+    "constant": "constant",
+}
 
 
 def expect_border(border: str) -> Border:
@@ -31,7 +37,8 @@ def expect_border(border: str) -> Border:
 def padded(array: npt.NDArray[Any], widths: Sequence[int], border: Border, constant: float = 0.0) -> npt.NDArray[Any]:
     """An array with made-up cells around its leading axes, so many on either side of each.
 
-    "reflect" mirrors without repeating the edge cell, "nearest" repeats it, "wrap" goes on at the other end.
+    "reflect" mirrors without repeating the edge cell, "symmetric" with it, "nearest" repeats it, "wrap" goes on at the
+    other end.
     """
     if border == "clip" or not any(widths):
         return array

@@ -32,6 +32,7 @@ def denoise_nl_means(
     lam: float | npt.ArrayLike = 2.0,
     centre: Centre = "once",
     average_patches: bool = False,
+    cut: float = 0.0,
     metric: Metric = "chebyshev",
     border: str = "clip",
     constant: float = 0.0,
@@ -68,11 +69,13 @@ def denoise_nl_means(
     average_patches : bool, default False
         Estimate whole patches, and average at each pixel the estimates of all patches that cover it: less noise left
         around edges and in rare places.
+    cut : float, default 0
+        Weights below it count as 0.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
         Window: square, disk or diamond.
-    border : {"clip", "reflect", "nearest", "wrap", "constant"}, default "clip"
-        What a window that reaches over the border sees: nothing, the image mirrored without its edge pixel, the
-        edge pixel again, the other end, or `constant`. With "clip" patches alone are filled by reflection.
+    border : {"clip", "reflect", "symmetric", "nearest", "wrap", "constant"}, default "clip"
+        What a window that reaches over the border sees: nothing, the image mirrored without its edge pixel or
+        with it, the edge pixel again, the other end, or `constant`. With "clip" patches alone are filled by reflection.
     constant : float, default 0
         The value beyond the border for "constant".
     guide : array, optional
@@ -129,7 +132,7 @@ def denoise_nl_means(
         radius = max((7 if len(shape) == 2 else 2) * finest[0], finest[1])
     # The weight function's own checks come first; a map is checked on its own shape.
     sigmas = _map("sigma", sigma, shape)
-    patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a)
+    patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a, cut=cut)
     if h is None:
         noise = float(np.sqrt(np.mean(np.square(sigmas))))
         noise = noise or estimate_noise(array, channel_axis=channel_axis, mask=mask)
@@ -142,7 +145,7 @@ def denoise_nl_means(
     maps = {"h": bandwidths, "sigma": sigmas, "lam": 0.0 if centre == "none" else _map("lam", lam, shape)}
     return _one_step(
         array,
-        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], a=a),
+        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], a=a, cut=cut),
         maps,
         reach=patch_radius,
         radius=radius,

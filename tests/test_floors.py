@@ -42,6 +42,8 @@ FLOORS: dict[str, float] = {
     "borders": 1,
     "image": 5,
     "filters": 5.2,
+    "presets": 5.4,
+    "skimage": 5.5,
     "inpaint": 5,
     "labels": 5,
     "mesh": 5,

@@ -1,0 +1,249 @@
+"""Other libraries' filters, to the digit: the same names of parameters, computed by :mod:`gpureg.filters`.
+
+A way to move here from OpenCV, scikit-image or gputools, and a check of both sides. How near each comes is said in its
+Notes and held by ``tests/test_presets.py``. Where a peer's mapping has to be known in other terms: with the paper's w1
+and w2 and lam = 2 (the centre counted once),
+
+==================  =============================================================================
+OpenCV's bilateral  sigma_X^2 = 2 sigmaColor^2, sigma_P^2 = 2 sigmaSpace^2, disk, "reflect"
+OpenCV's NLM        flat patch of s = side^2 pixels, h^2 = s H^2, "reflect", weights under 0.001 are 0
+scikit-image's NLM  (slow mode) Gaussian patch a = (side - 1)/4, h = H, "clip", weights under exp(-5) are 0
+gputools            w1 as it stands, square, "nearest"; flat patch, h^2 = s H^2, "nearest"
+==================  =============================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .filters import denoise_bilateral, denoise_nl_means
+
+__all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
+
+# Weights that OpenCV and scikit-image drop.
+_OPENCV_CUT, _SKIMAGE_CUT = 1e-3, math.exp(-5)
+
+
+def opencv_bilateral(
+    image: npt.ArrayLike, d: int, sigma_color: float, sigma_space: float, **settings: Any
+) -> npt.NDArray[Any]:
+    """OpenCV's ``bilateralFilter(src, d, sigmaColor, sigmaSpace)`` of a grey picture, border reflect-101.
+
+    Parameters
+    ----------
+    image : (H, W) array
+        8 bits or float32 in OpenCV; any here.
+    d : int
+        Diameter of the window, a disk; not positive: from `sigma_space`.
+    sigma_color, sigma_space : float
+        Standard deviations; not positive counts as 1, as in OpenCV.
+    **settings
+        backend, dtype, mask and what else :func:`gpureg.denoise_bilateral` takes.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`.
+
+    Raises
+    ------
+    ValueError
+        Channels: OpenCV adds up the absolute differences of colours, which no weight of the paper does;
+        :func:`gpureg.denoise_bilateral` compares them by their Euclidean distance.
+
+    Notes
+    -----
+    Within 1e-5 of the range on float32, one grey level on 8 bits.
+    """
+    _only_grey(image, settings, "bilateralFilter adds up the absolute differences of the channels")
+    color, space = (float(x) if x > 0 else 1.0 for x in (sigma_color, sigma_space))
+    radius = max(round(space * 1.5) if d <= 0 else int(d) // 2, 1)
+    return denoise_bilateral(
+        image,
+        radius=radius,
+        metric="euclidean",
+        sigma_space=math.sqrt(2) * space,
+        sigma_value=math.sqrt(2) * color,
+        border="reflect",
+        **settings,
+    )
+
+
+def opencv_nl_means(
+    image: npt.ArrayLike,
+    h: float = 3,
+    template_window_size: int = 7,
+    search_window_size: int = 21,
+    *,
+    channel_axis: int | None = None,
+    **settings: Any,
+) -> npt.NDArray[Any]:
+    """OpenCV's ``fastNlMeansDenoising(src, None, h, templateWindowSize, searchWindowSize)``.
+
+    Parameters
+    ----------
+    image : array
+        8 bits in OpenCV; any here.
+    h : float, default 3
+        Filtering parameter of the root mean square difference of patches.
+    template_window_size, search_window_size : int, default 7 and 21
+        Sides of patch and window; even ones count as the next odd one.
+    channel_axis : int, optional
+        OpenCV takes 1 to 4 channels.
+    **settings
+        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`.
+
+    Notes
+    -----
+    Within one grey level of OpenCV on 8-bit pictures. Its integers take distances in steps of 64/49 and weights in
+    steps of 1/19,000; what they leave is less than a rounding.
+    """
+    patch, search = int(template_window_size) // 2, int(search_window_size) // 2
+    return denoise_nl_means(
+        image,
+        patch_radius=patch,
+        radius=search,
+        h=_flat(image, h, patch, channel_axis),
+        cut=_OPENCV_CUT,
+        border="reflect",
+        channel_axis=channel_axis,
+        **settings,
+    )
+
+
+def skimage_nl_means(
+    image: npt.ArrayLike,
+    patch_size: int = 7,
+    patch_distance: int = 11,
+    h: float = 0.1,
+    sigma: float = 0.0,
+    *,
+    channel_axis: int | None = None,
+    **settings: Any,
+) -> npt.NDArray[Any]:
+    """scikit-image's ``denoise_nl_means(..., fast_mode=False, preserve_range=True)``.
+
+    Parameters
+    ----------
+    image : array
+        2 or 3 axes besides the channels.
+    patch_size, patch_distance : int, default 7 and 11
+        Side of a patch (an even one counts as the next odd one), and reach of the window.
+    h, sigma : float, default 0.1 and 0
+        Filtering parameter and noise, as in scikit-image.
+    channel_axis : int, optional
+    **settings
+        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`.
+
+    Notes
+    -----
+    scikit-image approximates the exponential by shifting bits, some percent off; what that leaves is held by the test.
+    """
+    radius = int(patch_size) // 2
+    channels = 1 if channel_axis is None else np.shape(image)[channel_axis]
+    return denoise_nl_means(
+        image,
+        patch_radius=radius,
+        radius=int(patch_distance),
+        h=h * math.sqrt(channels),
+        a=(2 * radius) / 4 if radius else None,
+        sigma=sigma,
+        cut=_SKIMAGE_CUT,
+        channel_axis=channel_axis,
+        **settings,
+    )
+
+
+def gputools_bilateral(
+    image: npt.ArrayLike, size_filter: int, sigma_p: float, sigma_x: float = 10.0, **settings: Any
+) -> npt.NDArray[Any]:
+    """Gputools' ``bilateral2(data, fSize, sigma_p, sigma_x)`` and ``bilateral3``: the paper's w1 as it stands.
+
+    Parameters
+    ----------
+    image : array of 2 or 3 axes
+        float32 in gputools; any here.
+    size_filter : int
+        Reach of the square window.
+    sigma_p, sigma_x : float
+        Widths of the value's and the distance's Gaussian, without the factor 1/2.
+    **settings
+        backend, dtype, mask and what else :func:`gpureg.denoise_bilateral` takes.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`.
+
+    Notes
+    -----
+    Within 1e-5 of the range on float32.
+    """
+    return denoise_bilateral(
+        image, radius=size_filter, sigma_space=sigma_x, sigma_value=sigma_p, border="nearest", **settings
+    )
+
+
+def gputools_nl_means(
+    image: npt.ArrayLike, sigma: float, size_filter: int = 2, size_search: int = 3, **settings: Any
+) -> npt.NDArray[Any]:
+    """Gputools' ``nlm2(data, sigma, size_filter, size_search)`` and ``nlm3``.
+
+    Parameters
+    ----------
+    image : array of 2 or 3 axes
+        float32 in gputools; any here.
+    sigma : float
+        Filtering parameter of the root mean square difference of patches.
+    size_filter, size_search : int, default 2 and 3
+        Radii of patch and window.
+    **settings
+        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`.
+
+    Notes
+    -----
+    Within 1e-5 of the range on float32, further than size_filter + size_search from the border; nearer gputools repeats
+    the edge of its maps of distances, where the distances of patches over the border would be.
+    """
+    return denoise_nl_means(
+        image,
+        patch_radius=size_filter,
+        radius=size_search,
+        h=_flat(image, sigma, size_filter, None),
+        border="nearest",
+        **settings,
+    )
+
+
+def _flat(image: npt.ArrayLike, H: float, patch_radius: int, channel_axis: int | None) -> float:
+    """The h of w2 from that of a root mean square difference over a flat patch."""
+    shape = np.shape(image)
+    axes = len(shape) - (channel_axis is not None)
+    channels = 1 if channel_axis is None else shape[channel_axis]
+    return H * math.sqrt(channels * (2 * patch_radius + 1) ** axes)
+
+
+def _only_grey(image: npt.ArrayLike, settings: dict[str, Any], why: str) -> None:
+    if np.ndim(image) != 2 or settings.get("channel_axis") is not None:
+        raise ValueError(
+            f"OpenCV's filter is reproduced for grey pictures, (H, W), alone: {why}; see denoise_bilateral"
+        )
