@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .filters import denoise_bilateral, denoise_nl_means
+from .plan import checked
 
 __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
 
@@ -40,7 +41,7 @@ def opencv_bilateral(
     d : int
         Diameter of the window, a disk; not positive: from `sigma_space`.
     sigma_color, sigma_space : float
-        Standard deviations; not positive counts as 1, as in OpenCV.
+        Standard deviations; where one is not above 1.2e-7 the picture comes back as it is, as in OpenCV 5.
     **settings
         backend, dtype, mask and what else :func:`gpureg.denoise_bilateral` takes.
 
@@ -60,14 +61,15 @@ def opencv_bilateral(
     Within 1e-5 of the range on float32, one grey level on 8 bits.
     """
     _only_grey(image, settings, "bilateralFilter adds up the absolute differences of the channels")
-    color, space = (float(x) if x > 0 else 1.0 for x in (sigma_color, sigma_space))
-    radius = max(round(space * 1.5) if d <= 0 else int(d) // 2, 1)
+    if min(sigma_color, sigma_space) <= np.finfo(np.float32).eps:
+        return checked(image, None, None).copy()
+    radius = max(round(sigma_space * 1.5) if d <= 0 else int(d) // 2, 1)
     return denoise_bilateral(
         image,
         radius=radius,
         metric="euclidean",
-        sigma_space=math.sqrt(2) * space,
-        sigma_value=math.sqrt(2) * color,
+        sigma_space=math.sqrt(2) * sigma_space,
+        sigma_value=math.sqrt(2) * sigma_color,
         border="reflect",
         **settings,
     )
