@@ -243,6 +243,20 @@ def _maps(graph: AnyGraph, taken: FloatArray | None, strength: FloatArray | None
     return np.stack(columns, axis=-1)
 
 
+def _nearness(graph: AnyGraph, sigma: float) -> FloatArray | None:
+    """exp(-|u - v|^2 / sigma^2), per forward offset of a grid or per directed edge; None for an infinite sigma."""
+    if math.isinf(sigma):
+        return None
+    if isinstance(graph, GridGraph):
+        steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
+        # divided first: the square of a tiny sigma would be 0
+        squares: FloatArray = ((steps / sigma) ** 2).sum(axis=1)
+    else:
+        squares = _squared_distances(_positions(graph), graph.edge_rows(), graph.indices, sigma)
+    near: FloatArray = np.exp(-squares)
+    return near
+
+
 def _inverse_square(sigma: float, dtype: npt.DTypeLike) -> float:
     """1/sigma^2, at most the largest number of the type: infinity times a distance of 0 is no number."""
     with np.errstate(over="ignore", divide="ignore"):
@@ -277,15 +291,7 @@ class Bilateral(PatchWeights):
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """The weights w1: patches of one vertex."""
-        spatial = None
-        if math.isfinite(self.sigma_space):
-            if isinstance(graph, GridGraph):
-                steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
-                # divided first: the square of a tiny sigma would be 0
-                squares = ((steps / self.sigma_space) ** 2).sum(axis=1)
-            else:
-                squares = _squared_distances(_positions(graph), graph.edge_rows(), graph.indices, self.sigma_space)
-            spatial = np.exp(-squares)
+        spatial = _nearness(graph, self.sigma_space)
         sigma, strength = _strengths(self.sigma_value, graph, "sigma_value")
         return PatchForm(np.ones(1), 0.0, _inverse_square(sigma, dtype), spatial, _maps(graph, None, strength))
 
@@ -299,6 +305,7 @@ class Patch(PatchWeights):
     sigma: Parameter = 0.0
     a: float | None = None
     cut: float = 0.0
+    sigma_space: float = math.inf
 
     @property
     def reach(self) -> int:
@@ -322,8 +329,8 @@ class Patch(PatchWeights):
             taken, shift = self.sigma.on(graph, "sigma") ** 2 * samples, 0.0
         else:
             taken, shift = None, 2 * self.sigma**2 * samples
-        maps = _maps(graph, taken, strength)
-        return PatchForm(profile, shift, _inverse_square(h, dtype), maps=maps, cut=self.cut)
+        maps, spatial = _maps(graph, taken, strength), _nearness(graph, self.sigma_space)
+        return PatchForm(profile, shift, _inverse_square(h, dtype), spatial, maps, self.cut)
 
 
 @dataclass(frozen=True)
@@ -480,6 +487,7 @@ def patch(
     sigma: float | npt.ArrayLike = 0.0,
     a: float | None = None,
     cut: float = 0.0,
+    sigma_space: float = math.inf,
 ) -> Weights:
     """Nonlocal weights w2: alike in the values of a patch around each vertex.
 
@@ -500,6 +508,9 @@ def patch(
     cut : float, default 0
         Weights below it count as 0: some filters drop what is unlike altogether (OpenCV's 0.001, scikit-image's
         exp(-5)).
+    sigma_space : float, default infinity
+        sigma_P of a further factor exp(-|u - v|^2 / sigma_P^2), as in :func:`bilateral`: neighbours further away count
+        less, however alike. Infinity leaves it out.
 
     Raises
     ------
@@ -523,6 +534,7 @@ def patch(
         _parameter("sigma", sigma, zero=True),
         None if a is None else _positive("a", a),
         _share("cut", cut),
+        _positive("sigma_space", sigma_space, infinite=True),
     )
 
 
