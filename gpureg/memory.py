@@ -90,7 +90,7 @@ class Job:
         fidelity = [backend.function_bytes(graph, 1)] if self.per_vertex else []
         function = backend.function_bytes(graph, self.channels)
         found = patch_weights(self.weights)
-        guide = None if found is None or found[1] is None else found[1].guide.shape[1]
+        guide = None if found is None or found[1] is None else found[1].channels(self.channels)
         if not self.stored:
             assert found is not None and isinstance(graph, GridGraph)
             scratch = backend.step_bytes(graph, self.channels, guide, found[0].reach)

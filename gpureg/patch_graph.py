@@ -125,7 +125,7 @@ def nearest_patches(
     function, guided = (None, None) if found is None else found
     if not isinstance(function, Patch):
         raise ValueError("nearest patches need patch weights: weights=gpureg.weights.patch(...)")
-    compared = f if guided is None else guided.of(grid)
+    compared = f if guided is None else guided.of(grid, f)
     # A patch's own profile, without what the noise or a map makes of its distances.
     bare = patch(function.radius, 1.0, a=function.a)
     device = backends.get(backend, dtype)

@@ -12,15 +12,10 @@ import numpy.typing as npt
 
 from .graph import GridGraph, Metric, all_finite, unmasked
 from .noise import estimate_noise
-from .weights import Bilateral, Constant, Guided, Patch, Weights, constant, guided, patch
+from .weights import OPPONENT, Bilateral, Constant, Patch, Weights, constant, guided, patch, smoothed
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
-
-# Brightness and two opponent colours, orthonormal; the colours count less, having less detail than noise.
-_CHROMA = 0.45
-_OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
-_OPPONENT[1:] *= _CHROMA
 
 # Pixels that are filtered at a time.
 _BAND = 1 << 22
@@ -204,7 +199,7 @@ def plan_denoising(
             a, h, share = (1.0 if plain else 0.5) + level / 40, 1.2 + level / 200, 1.0
             if opponent:
                 # the noise's share of a distance in opponent colours, as a part of that in three equal channels
-                a, h, share = 0.8 * a, 1.15, math.sqrt((_OPPONENT**2).sum() / 3)
+                a, h, share = 0.8 * a, 1.15, math.sqrt((OPPONENT**2).sum() / 3)
             h *= noise / a
             weights = patch(min(3 if ndim == 2 else 1, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
             default_lam = 1.0
@@ -235,12 +230,7 @@ def weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLi
     """The plan's weights for the pixels `f0`, (..., m)."""
     if not (plan.opponent and isinstance(plan.weights, Weights)):
         return plan.weights
-    guide = np.empty(f0.shape, f0.dtype)
-    red, green, blue = np.moveaxis(f0, -1, 0)
-    for c, (r, g, b) in enumerate(_OPPONENT.astype(f0.dtype)):
-        # not a matrix product, whose order of sums may depend on where a pixel lies
-        guide[..., c] = r * red + g * green + b * blue
-    return Guided(plan.weights, guide.reshape(-1, 3))
+    return smoothed(plan.weights, 0, opponent=True)
 
 
 def guided_by(

@@ -400,10 +400,13 @@ class OneStep:
     averaged : int or None
         Radius of the patches whose estimates are averaged, each patch being estimated as a whole; None estimates each
         vertex by its own patch alone.
+    by_weight : bool
+        Whether a patch's estimate counts by the sum of the weights it was made with, instead of as one.
     """
 
     largest: bool = False
     averaged: int | None = None
+    by_weight: bool = False
 
     def halo(self, problem: Problem) -> tuple[int, ...]:
         """Cells along each axis from which data reach a vertex."""
@@ -433,11 +436,11 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     function: PatchWeights
     function, guided = found
     f = part.f0.astype(backend.dtype, copy=False)
-    guide = None if guided is None else guided.of(grid).astype(backend.dtype, copy=False)
+    guide = None if guided is None else guided.of(grid, f).astype(backend.dtype, copy=False)
     form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
     if step.averaged is not None:
         weighted = backend.patch_distance(grid, f if guide is None else guide, form)
-        return _averaged(grid, backend, weighted, f, part.lam, step.largest, step.averaged)
+        return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
     lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
     on_device = backend.put(grid, f)
     return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
@@ -449,7 +452,7 @@ def _averaged(
     weighted: Weighted,
     f: FloatArray,
     lam: float | FloatArray,
-    largest: bool,
+    step: OneStep,
     radius: int,
 ) -> FloatArray:
     """Every vertex' mean over the estimates of all patches that cover it (``aggregate``).
@@ -461,13 +464,16 @@ def _averaged(
     fidelity = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), inside.shape)
     pinned = np.isinf(fidelity)
     centre = np.where(pinned, 0, fidelity) / 2
-    if largest:
+    if step.largest:
         centre = centre * backend.get(grid, backend.largest_weight(weighted))
-    total = centre + backend.get(grid, backend.degree(weighted))
-    # a vertex without weights is its own estimate, as one that is pinned
-    alone = ~(total > np.finfo(backend.dtype).tiny * 1e8) | pinned
-    share = np.divide(1.0, total, out=np.zeros_like(total), where=~alone)
-    centre = np.where(alone, 1.0, centre * share) * inside
+    if step.by_weight:
+        share, centre = inside, centre * inside
+    else:
+        total = centre + backend.get(grid, backend.degree(weighted))
+        # a vertex without weights is its own estimate, as one that is pinned
+        alone = ~(total > np.finfo(backend.dtype).tiny * 1e8) | pinned
+        share = np.divide(1.0, total, out=np.zeros_like(total), where=~alone)
+        centre = np.where(alone, 1.0, centre * share) * inside
     F = np.concatenate([np.where(inside > 0, f, 0), inside], axis=1)
     values, shares, centres = (backend.put(grid, x) for x in (F, share, centre))
     sums = backend.get(grid, backend.aggregate(weighted, values, shares, centres, radius))

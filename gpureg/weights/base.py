@@ -1,0 +1,179 @@
+"""What a weight function is: :class:`Weights`, with its kinds, and its parameters: numbers, or one per vertex."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..backends import Backend, PatchForm, Storage, Weighted
+from ..graph import FloatArray, Graph, GridGraph, IntArray, check_weights
+
+AnyGraph = Graph | GridGraph
+
+
+class Weights(ABC):
+    """A weight function."""
+
+    @property
+    def reach(self) -> int:
+        """Cells around its two vertices that a weight looks at."""
+        return 0
+
+    @abstractmethod
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """The weight function that gives a part of the grid the weights it has in the whole, to the bit.
+
+        None where there is no such function: weights that may know all vertices by their numbers.
+        """
+        return None
+
+
+def rows_of(table: FloatArray, grid: GridGraph, box: tuple[slice, ...]) -> FloatArray:
+    """The rows of a table that belong to the vertices of a part of the grid."""
+    return table.reshape(*grid.shape, table.shape[-1])[box].reshape(-1, table.shape[-1])
+
+
+class PatchWeights(Weights):
+    """A weight function of the form s(u, v) exp(-patch distance), computed on the device."""
+
+    @abstractmethod
+    def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
+        """These weights on a graph, between data of so many channels, as a backend of this type takes them."""
+
+    @property
+    def storage(self) -> Storage:
+        """In which form the device holds the weights."""
+        return "full"
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, on the backend's device."""
+        form = self.form(graph, f0.shape[1], backend.dtype)
+        return backend.patch_distance(graph, f0, form, storage=self.storage)
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
+        """Itself: it knows steps between vertices, not their places."""
+        return self
+
+
+class EdgeWeights(Weights):
+    """A weight function computed in numpy, an array of edges at a time.
+
+    Attributes
+    ----------
+    reads_data : bool
+        Whether the weights depend on the data f0. Where they do not, a stored graph's are computed once: those of the
+        last such function are kept for as long as the graph lives.
+    """
+
+    reads_data: ClassVar[bool] = True
+
+    @abstractmethod
+    def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+        """Weights of the edges from vertices `u` to vertices `v`, both (k,); symmetric in u and v."""
+
+    def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
+        """The graph with these weights, on the backend's device."""
+        if isinstance(graph, Graph):
+            return backend.prepare(graph, self._of_stored(graph, f0))
+        half = np.zeros((graph.half_window, *graph.shape), backend.dtype)
+        vertices = np.arange(graph.n_vertices).reshape(graph.shape)
+        for plane, step in zip(half, graph.forward_offsets, strict=True):
+            start, end = graph.ends(step)
+            plane[start] = self.between(graph, f0, vertices[start].ravel(), vertices[end].ravel()).reshape(
+                vertices[start].shape
+            )
+        if graph.mask is not None:
+            half[graph.unit_half_weights() == 0] = 0
+        return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
+
+    def _of_stored(self, graph: Graph, f0: FloatArray) -> FloatArray:
+        kept = None if self.reads_data else _last.get(graph)
+        if kept is not None and kept[0] == self:
+            return kept[1]
+        values = self.between(graph, f0, graph.edge_rows(), graph.indices)
+        values = check_weights(values, (graph.n_edges,), "one per directed edge")
+        if not self.reads_data:
+            values.flags.writeable = False  # so that a backend may keep its copy
+            _last[graph] = (self, values)
+        return values
+
+
+# The last weight function of each stored graph that does not read the data, and its weights.
+_last: weakref.WeakKeyDictionary[Graph, tuple[EdgeWeights, FloatArray]] = weakref.WeakKeyDictionary()
+
+
+def positive(name: str, value: float, *, infinite: bool = False) -> float:
+    """A number > 0, checked."""
+    if not isinstance(value, int | float | np.floating | np.integer) or isinstance(value, bool):
+        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
+    if not value > 0 or (math.isinf(value) and not infinite):
+        raise ValueError(f"{name} must be > 0{'' if infinite else ' and finite'}, got {value}")
+    return float(value)
+
+
+def share(name: str, value: float) -> float:
+    """A number in 0..1, checked."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise TypeError(f"{name} must be a number, got {value!r}")
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} must lie in 0..1, got {value}")
+    return float(value)
+
+
+@dataclass(frozen=True, eq=False)
+class PerVertex:
+    """A parameter with a value of its own at every vertex, (n,)."""
+
+    values: FloatArray
+
+    @property
+    def middle(self) -> float:
+        """A typical value."""
+        return float(np.median(self.values))
+
+    def __format__(self, spec: str) -> str:
+        return "a map"
+
+    def on(self, graph: AnyGraph, name: str) -> FloatArray:
+        """The values, once there is one for every vertex of the graph."""
+        if len(self.values) != graph.n_vertices:
+            raise ValueError(
+                f"{name} must be a number or hold {graph.n_vertices} values, one per vertex; got {len(self.values)}"
+            )
+        return self.values
+
+    def part(self, grid: GridGraph, box: tuple[slice, ...], name: str) -> PerVertex:
+        """The values of a part of the grid."""
+        return PerVertex(rows_of(self.on(grid, name)[:, None], grid, box)[:, 0])
+
+
+Parameter = float | PerVertex
+
+
+def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False, zero: bool = False) -> Parameter:
+    """A number > 0 (or 0, or infinite), or one per vertex, checked."""
+    if np.ndim(value) > 0:
+        values = np.array(value, dtype=np.float64).ravel()
+        low = values >= 0 if zero else values > 0
+        if not (low.all() and np.isfinite(values).all()):
+            raise ValueError(f"a map of {name} must be finite and {'>= 0' if zero else '> 0'} everywhere")
+        return PerVertex(values)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise TypeError(f"{name} must be a number, or one per vertex, got {value!r}")
+    if zero and not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} must be finite and >= 0, got {value}")
+    return float(value) if zero else positive(name, float(value), infinite=infinite)
+
+
+def part_of_parameter(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
+    """A parameter for a part of the grid."""
+    return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
