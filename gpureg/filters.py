@@ -16,7 +16,7 @@ from .borders import cropped, expect_border, padded
 from .graph import GridGraph, Metric
 from .image import denoise_image, run_plan
 from .noise import estimate_noise
-from .plan import CENTRES, Centre, DenoisePlan, checked
+from .plan import CENTRES, AveragePatches, Centre, DenoisePlan, checked
 from .solvers import Jacobi
 from .weights import Weights, bilateral, patch
 
@@ -31,7 +31,8 @@ def denoise_nl_means(
     sigma: float | npt.ArrayLike = 0.0,
     lam: float | npt.ArrayLike = 2.0,
     centre: Centre = "once",
-    average_patches: bool = False,
+    average_patches: AveragePatches = False,
+    average_radius: int | None = None,
     cut: float = 0.0,
     metric: Metric = "chebyshev",
     border: str = "clip",
@@ -66,9 +67,12 @@ def denoise_nl_means(
         Twice the weight of the pixel itself, in the units that `centre` says; infinity keeps a pixel.
     centre : {"once", "largest", "none"}, default "once"
         Whether lam = 2 counts the pixel itself with weight 1, with the largest weight of its neighbours, or not at all.
-    average_patches : bool, default False
+    average_patches : bool or "weighted", default False
         Estimate whole patches, and average at each pixel the estimates of all patches that cover it: less noise left
-        around edges and in rare places.
+        around edges and in rare places. "weighted" counts a patch by the sum of the weights it found, so that one that
+        found nothing alike does not speak for its neighbours.
+    average_radius : int, optional
+        Radius of the patches that are averaged; None takes `patch_radius`.
     cut : float, default 0
         Weights below it count as 0.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
@@ -121,8 +125,10 @@ def denoise_nl_means(
     shape = _cells(array, channel_axis)
     if centre not in CENTRES:
         raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
-    if not isinstance(average_patches, bool | np.bool_):
-        raise TypeError(f"average_patches must be True or False, got {average_patches!r}")
+    if not (isinstance(average_patches, bool | np.bool_) or average_patches == "weighted"):
+        raise ValueError(f"average_patches must be True, False or 'weighted', got {average_patches!r}")
+    averaged = patch_radius if average_radius is None else average_radius
+    patch(averaged, 1.0)  # a radius as a patch's is
     if radius is None:
         finest = (
             (min(spacing), max(spacing))
@@ -150,7 +156,8 @@ def denoise_nl_means(
         reach=patch_radius,
         radius=radius,
         centre=centre,
-        average_patches=bool(average_patches),
+        average_patches=average_patches,
+        averaged=int(averaged),
         metric=metric,
         border=border,
         constant=constant,
@@ -249,6 +256,7 @@ def denoise_bilateral(
         radius=radius,
         centre=centre,
         average_patches=False,
+        averaged=0,
         metric=metric,
         border=border,
         constant=constant,
@@ -342,7 +350,8 @@ def _one_step(
     reach: int,
     radius: float,
     centre: Centre,
-    average_patches: bool,
+    average_patches: AveragePatches,
+    averaged: int,
     metric: Metric,
     border: str,
     constant: float,
@@ -367,7 +376,8 @@ def _one_step(
     widths = (0,) * grid.ndim
     if beyond != "clip":
         steps = np.array(grid.spacing or (1.0,) * grid.ndim)
-        widths = tuple((np.floor(radius / steps + 1e-9).astype(int) + (2 if average_patches else 1) * reach).tolist())
+        beside = reach + (averaged if average_patches else 0)
+        widths = tuple((np.floor(radius / steps + 1e-9).astype(int) + beside).tolist())
         cells = padded(cells, widths, beyond, constant)
         repeated = "nearest" if beyond == "constant" else beyond
         maps = {name: x if np.ndim(x) == 0 else padded(np.asarray(x), widths, repeated) for name, x in maps.items()}
@@ -385,6 +395,7 @@ def _one_step(
         spacing=grid.spacing,
         centre=centre,
         average_patches=average_patches,
+        average_radius=averaged,
     )
     # lam = 0 is the plain sweep, whatever the graph: a step is no iteration that could swing
     result = run_plan(plan, cells, solver=Jacobi(damping=1), guide=compared, mask=mask, channel_axis=axis, **run).value

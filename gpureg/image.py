@@ -219,7 +219,12 @@ def run_plan(
     settings = dict(p=plan.p, solver=solver, max_iter=plan.max_iter, tol=plan.tol, callback=callback, **model)
     with _converted(array, channel_axis, inside):
         if plan.centre == "largest" or plan.average_patches:
-            step = OneStep(plan.centre == "largest", _patch_radius(plan) if plan.average_patches else None)
+            averaged = plan.average_radius if plan.average_radius is not None else _patch_radius(plan)
+            step = OneStep(
+                plan.centre == "largest",
+                averaged if plan.average_patches else None,
+                plan.average_patches == "weighted",
+            )
             result = one_sweep(f0, grid, step=step, **common)
         elif plan.nearest is not None:
             nodes = as_function(grid, f0, "image")

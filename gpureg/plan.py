@@ -16,6 +16,7 @@ from .weights import OPPONENT, Bilateral, Constant, Patch, Weights, constant, gu
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
+AveragePatches = bool | Literal["weighted"]
 
 # Pixels that are filtered at a time.
 _BAND = 1 << 22
@@ -45,8 +46,11 @@ class DenoisePlan:
     centre : {"once", "largest", "none"}
         What lam = 2 makes of a pixel's own value in one sweep at p = 2: weight 1, the largest weight around it, or none
         (lam is 0 then).
-    average_patches : bool
-        Whether each patch is estimated as a whole, and a pixel is the mean over all patches that cover it.
+    average_patches : bool or "weighted"
+        Whether each patch is estimated as a whole, and a pixel is the mean over all patches that cover it; "weighted"
+        counts a patch by the sum of the weights it found.
+    average_radius : int or None
+        Radius of these patches; None for that of the weights' patches.
     nearest : int or None
         Edges kept of each pixel, those to the nearest patches; None for the whole window.
     """
@@ -65,7 +69,8 @@ class DenoisePlan:
     spacing: tuple[float, ...] | None = None
     window: tuple[int, ...] = ()
     centre: Centre = "once"
-    average_patches: bool = False
+    average_patches: AveragePatches = False
+    average_radius: int | None = None
     nearest: int | None = None
 
     def describe(self) -> str:
