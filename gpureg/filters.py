@@ -377,6 +377,10 @@ def _one_step(
     if beyond != "clip":
         steps = np.array(grid.spacing or (1.0,) * grid.ndim)
         beside = reach + (averaged if average_patches else 0)
+        if not math.isfinite(radius):
+            raise ValueError(
+                f"an infinite window needs border='clip', got {border!r}: beyond the border there is no end"
+            )
         widths = tuple((np.floor(radius / steps + 1e-9).astype(int) + beside).tolist())
         cells = padded(cells, widths, beyond, constant)
         repeated = "nearest" if beyond == "constant" else beyond

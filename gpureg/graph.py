@@ -402,7 +402,7 @@ class GridGraph:
     shape : int or sequence of int
         Size of each axis, any number of axes.
     radius : float, default 1
-        Reach of the neighbourhood, in the units of `spacing`.
+        Reach of the neighbourhood, in the units of `spacing`. Infinity gives the complete graph, for small grids.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
         "chebyshev" gives square windows, "euclidean" disks, "cityblock" diamonds; ``radius=1`` with "cityblock" is
         the paper's 4-adjacency graph G_0, with "chebyshev" its 8-adjacency graph G_1.
@@ -454,8 +454,8 @@ class GridGraph:
                 raise ValueError(f"spacing must hold {len(sizes)} finite numbers > 0, got {spacing}")
         if isinstance(radius, bool) or not isinstance(radius, int | float | np.integer | np.floating):
             raise TypeError(f"radius must be a number, got {radius!r}")
-        if not (math.isfinite(radius) and radius >= min(steps or (1.0,))):
-            raise ValueError(f"radius must be finite and reach the nearest neighbour, got {radius}")
+        if not radius >= min(steps or (1.0,)):
+            raise ValueError(f"radius must reach the nearest neighbour, got {radius}")
         inside: npt.NDArray[np.bool_] | None = None
         if mask is not None:
             inside = np.array(mask)
@@ -470,7 +470,7 @@ class GridGraph:
     def _window(self) -> IntArray:
         steps = np.array(self.spacing or (1.0,) * len(self.shape))
         # An axis of s cells has no neighbour further than s - 1.
-        reach = [min(int(self.radius / d + 1e-9), s - 1) for d, s in zip(steps, self.shape, strict=True)]
+        reach = [int(min(self.radius / d + 1e-9, s - 1)) for d, s in zip(steps, self.shape, strict=True)]
         axes = [np.arange(-r, r + 1) for r in reach]
         offsets = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
         distance = np.abs(offsets) * steps

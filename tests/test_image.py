@@ -272,7 +272,7 @@ def test_tiny_pictures(shape: tuple[int, int]) -> None:
         ({"p": -1}, ValueError, "p must be finite and >"),
         ({"p": 0}, ValueError, "p must be finite and > 0"),
         ({"lam": -1, "sigma": 1}, ValueError, "lam must be >= 0"),
-        ({"radius": 0, "sigma": 1}, ValueError, "radius must be finite and reach"),
+        ({"radius": 0, "sigma": 1}, ValueError, "radius must reach"),
         ({"metric": "round", "sigma": 1}, ValueError, "metric must be one of"),
         ({"max_iter": -1, "sigma": 1}, ValueError, "max_iter must be >= 0"),
         ({"spacing": (1,), "sigma": 1}, ValueError, "spacing must hold 2"),

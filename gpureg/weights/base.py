@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import weakref
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -131,14 +131,10 @@ def share(name: str, value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PerVertex:
-    """A parameter with a value of its own at every vertex, (n,)."""
+    """A parameter with a value of its own at every vertex, (n,), and a typical one, that of the whole in its parts."""
 
     values: FloatArray
-
-    @property
-    def middle(self) -> float:
-        """A typical value."""
-        return float(np.median(self.values))
+    middle: float
 
     def __format__(self, spec: str) -> str:
         return "a map"
@@ -153,7 +149,7 @@ class PerVertex:
 
     def part(self, grid: GridGraph, box: tuple[slice, ...], name: str) -> PerVertex:
         """The values of a part of the grid."""
-        return PerVertex(rows_of(self.on(grid, name)[:, None], grid, box)[:, 0])
+        return replace(self, values=rows_of(self.on(grid, name)[:, None], grid, box)[:, 0])
 
 
 Parameter = float | PerVertex
@@ -166,7 +162,7 @@ def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False
         low = values >= 0 if zero else values > 0
         if not (low.all() and np.isfinite(values).all()):
             raise ValueError(f"a map of {name} must be finite and {'>= 0' if zero else '> 0'} everywhere")
-        return PerVertex(values)
+        return PerVertex(values, float(np.median(values)))
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
         raise TypeError(f"{name} must be a number, or one per vertex, got {value!r}")
     if zero and not (math.isfinite(value) and value >= 0):
