@@ -12,7 +12,7 @@ from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
 from .noise import estimate_noise
-from .patch_graph import patch_graph
+from .nearest import patch_graph
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .reorder import reordered

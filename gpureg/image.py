@@ -14,7 +14,7 @@ import numpy.typing as npt
 from . import backends
 from .graph import GridGraph, Metric
 from .memory import budget
-from .patch_graph import nearest_patches
+from .nearest import nearest_patches
 from .plan import DenoisePlan, checked, filled, guided_by, plan_denoising, weights_of
 from .problem import as_function, default_eps
 from .regularization import one_sweep, regularize

@@ -38,7 +38,7 @@ FLOORS: dict[str, float] = {
     "tiles": 4.2,
     "regularization": 4.5,
     "plan": 4.5,
-    "patch_graph": 4.7,
+    "nearest": 4.7,
     "borders": 1,
     "image": 5,
     "filters": 5.2,
