@@ -11,8 +11,8 @@ from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
-from .noise import estimate_noise
 from .nearest import patch_graph
+from .noise import estimate_noise
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .reorder import reordered

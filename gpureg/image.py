@@ -15,7 +15,7 @@ from . import backends
 from .graph import GridGraph, Metric
 from .memory import budget
 from .nearest import nearest_patches
-from .plan import DenoisePlan, checked, filled, guided_by, plan_denoising, weights_of
+from .plan import DenoisePlan, checked, filled, guided_by, plan_denoising
 from .problem import as_function, default_eps
 from .regularization import one_sweep, regularize
 from .result import Interrupted, Result, Stop
@@ -212,13 +212,14 @@ def run_plan(
     if inside is not None and not inside.all():
         f0 = filled(f0, inside)
     eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
-    weights = weights_of(plan, f0) if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
+    weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
     common: dict[str, Any] = dict(
         lam=plan.lam, eps=eps, weights=weights, backend=backend, dtype=kind, memory=memory, progress=progress
     )
     settings = dict(p=plan.p, solver=solver, max_iter=plan.max_iter, tol=plan.tol, callback=callback, **model)
     with _converted(array, channel_axis, inside):
-        if plan.centre == "largest" or plan.average_patches:
+        once = callback is None and _is_plain(model) and _is_one_sweep(plan, solver)
+        if once and (plan.centre == "largest" or plan.average_patches):
             averaged = plan.average_radius if plan.average_radius is not None else _patch_radius(plan)
             step = OneStep(
                 plan.centre == "largest",
@@ -231,7 +232,7 @@ def run_plan(
             graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=kind)
             result = regularize(nodes, graph, **common, **settings)
             result = replace(result, value=result.value.reshape(f0.shape))
-        elif callback is None and _is_plain(model) and _is_one_sweep(plan, solver):
+        elif once:
             result = one_sweep(f0, grid, **common)
         else:
             result = regularize(f0, grid, **common, **settings)

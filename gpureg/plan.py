@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from .graph import GridGraph, Metric, all_finite, unmasked
 from .noise import estimate_noise
-from .weights import OPPONENT, Bilateral, Constant, Patch, Weights, constant, guided, patch, smoothed
+from .rule import nonlocal_rule
+from .weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights, constant, guided
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
@@ -37,8 +38,6 @@ class DenoisePlan:
         The neighbourhood of :class:`gpureg.GridGraph`.
     p, lam, max_iter, tol, eps
         As in :func:`gpureg.regularize`; ``max_iter`` 0 leaves the image as it is.
-    opponent : bool
-        Whether the weights compare brightness and, less strictly, two opponent colours instead of red, green and blue.
     spacing : tuple of float or None
         Size of a pixel along each axis, None where the window is one of cells.
     window : tuple of int
@@ -65,7 +64,6 @@ class DenoisePlan:
     max_iter: int
     tol: float | None = None
     eps: float | None = None
-    opponent: bool = False
     spacing: tuple[float, ...] | None = None
     window: tuple[int, ...] = ()
     centre: Centre = "once"
@@ -78,7 +76,13 @@ class DenoisePlan:
         if self.max_iter == 0:
             found = np.ndim(self.lam) == 0 and self.lam == math.inf
             return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
-        w, window = self.weights, "x".join(map(str, self.window)) + " window"
+        w: Any = self.weights
+        seen = ""
+        while isinstance(w, Compared):
+            if isinstance(w, Smoothed):
+                seen = (", opponent colours" if w.opponent else "") + f", blurred by {w.std:.2g}" * (w.std > 0)
+            w = w.weights
+        window = "x".join(map(str, self.window)) + " window"
         if self.metric != "chebyshev":
             window = (
                 f"{2 * len(self.window)} neighbours"
@@ -87,9 +91,8 @@ class DenoisePlan:
             )
         if isinstance(w, Patch):
             shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
-            colours = ", opponent colours" if self.opponent else ""
             patches = "x".join([str(2 * w.radius + 1)] * len(self.window)) + f" {shape} patches"
-            kind = f"nonlocal weights{colours}, {window}, {patches}, h = {w.h:.4g}"
+            kind = f"nonlocal weights{seen}, {window}, {patches}, h = {w.h:.4g}"
             kind += ", averaged patches" if self.average_patches else ""
             kind += f", {self.nearest} nearest" if self.nearest else ""
         elif isinstance(w, Bilateral):
@@ -130,11 +133,9 @@ def plan_denoising(
 
     Notes
     -----
-    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window: patches grow
-    with the noise, and are smaller in colour, where three channels tell as much as a larger patch of one; h falls as
-    they grow. In RGB the weights compare brightness and, at 0.45, two opponent colours. The rule was fitted on ten
-    photographs at sigma 10, 20, 40 of 255. A volume gets a window of 5 and patches of 3 voxels a side, the best of six
-    choices on two synthetic volumes. With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1:
+    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window, in a volume
+    5 x 5 x 5, whose weights compare a copy blurred by half a pixel: :func:`gpureg.rule.nonlocal_rule` says which.
+    With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1:
     digital total variation) with lam = 2.2 sigma^(p - 2), which follows the scale law of the model; 2.2 was best on the
     camera picture for p = 1 and 1.5.
 
@@ -187,7 +188,7 @@ def plan_denoising(
     offsets = GridGraph(cells, reach, metric, spacing=steps).offsets
     window = tuple((2 * np.abs(offsets).max(axis=0, initial=0) + 1).tolist())
     place: dict[str, Any] = {"radius": reach, "metric": metric, "spacing": steps, "window": window}
-    opponent = False
+    average_radius: int | None = None
     # Half a grey level: what rounding alone may add.
     negligible = noise < (0.5 if array.dtype.kind in "iu" else 0.5 / 255 * spread) or noise == 0
     if chooses and negligible and (estimated or noise == 0):
@@ -197,17 +198,9 @@ def plan_denoising(
         # lam = 2: the centre counted once
         default_lam, default_iterations = 2.0, 1
         if weights is None:
-            # The rule's unit is the 255th part of the contrast.
-            level = min(60.0, 255 * noise / spread) if spread > 0 else 60.0
-            opponent = channels == 3
-            plain = channels == 1 and ndim == 2
-            a, h, share = (1.0 if plain else 0.5) + level / 40, 1.2 + level / 200, 1.0
-            if opponent:
-                # the noise's share of a distance in opponent colours, as a part of that in three equal channels
-                a, h, share = 0.8 * a, 1.15, math.sqrt((OPPONENT**2).sum() / 3)
-            h *= noise / a
-            weights = patch(min(3 if ndim == 2 else 1, math.ceil(1.5 * a)), h, sigma=noise * share, a=a)
-            default_lam = 1.0
+            weights, default_lam, average_radius = nonlocal_rule(noise, spread, channels, ndim)
+            if max_iter not in (None, 1) or tol is not None:
+                average_radius = None  # patches are averaged after one sweep alone
     else:
         degree = 2.0 if p is None else p
         if lam is None and noise == 0:
@@ -226,16 +219,10 @@ def plan_denoising(
         max_iter=default_iterations if max_iter is None else max_iter,
         tol=tol,
         eps=eps,
-        opponent=opponent,
+        average_patches=False if average_radius is None else "weighted",
+        average_radius=average_radius,
         **place,
     )
-
-
-def weights_of(plan: DenoisePlan, f0: npt.NDArray[Any]) -> Weights | npt.ArrayLike:
-    """The plan's weights for the pixels `f0`, (..., m)."""
-    if not (plan.opponent and isinstance(plan.weights, Weights)):
-        return plan.weights
-    return smoothed(plan.weights, 0, opponent=True)
 
 
 def guided_by(
@@ -261,6 +248,8 @@ def guided_by(
     values: npt.NDArray[Any] = cells.astype(np.float64)
     if grid.mask is not None and not grid.mask.all():
         values = filled(values, grid.mask)
+    if isinstance(weights, Smoothed) and weights.opponent and values.shape[-1] != 3:
+        weights = replace(weights, opponent=False)
     return guided(weights, values.reshape(grid.n_vertices, -1))
 
 

@@ -34,26 +34,27 @@ def nonlocal_rule(noise: float, spread: float, channels: int, ndim: int) -> Nonl
     Notes
     -----
     Weights compare a copy of the image blurred by a Gaussian of half a pixel, in RGB as brightness and, at 0.45, two
-    opponent colours; patches are Gaussian, of deviation a; the blur's share of the noise, and a fifth more, is taken off
-    their distances; neighbours further away count less (sigma_space); 3 x 3 patches are averaged by their weights.
-    With L the noise in 255ths of the contrast, fitted at L = 10, 20, 40 on seven grey and three colour photographs and
-    on two synthetic volumes, by coordinate descent on the mean PSNR.
+    opponent colours; patches are Gaussian, of deviation a; what the blur leaves of the noise, and a fifth more, is
+    taken off their distances; neighbours further away count less (sigma_space); 3 x 3 patches are averaged by their
+    weights. With L the noise in 255ths of the contrast, fitted at L = 5 to 60 on seven grey and three colour photographs
+    and on two synthetic volumes, by coordinate descent on the mean PSNR.
     """
     level = min(_LOUDEST, 255 * noise / spread) if spread > 0 else _LOUDEST
     blur, share, own, taken = 0.4 + level / 200, math.sqrt(channels), 0.6 + level / 70, 1.2
-    sigma_space, average_radius = 4 + level**2 / 130, 1
+    sigma_space = min(4 + level**2 / 130, 15.0)
+    average_radius: int | None = 1
     if ndim > 2:
         blur, a, h, own, sigma_space, average_radius = 0.6, 0.5 + level / 60, 0.8 - level / 100, 0.75, math.inf, None
     elif channels == 1:
-        a, h = 0.7 + level / 25, 0.76 - level / 100
+        a, h = 0.7 + level / 25, 0.8 - level / 90
     else:
         a, h, own, taken, sigma_space = 0.8, 0.93 - level / 80, 0.6, 1.1, 2.5 + level / 6
     opponent = channels == 3
     if opponent:
         # a distance in opponent colours has the noise of so many equal channels
         share = math.sqrt((OPPONENT**2).sum())
-    h = max(h, 0.25) * noise * share
+    h = max(h, 0.34) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur) ** ndim
-    radius = min(4 if ndim == 2 else 2, math.ceil(1.5 * a))
+    radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a))
     weights = patch(radius, h, sigma=left, a=a, sigma_space=math.sqrt(2) * sigma_space)
     return NonlocalRule(smoothed(weights, blur, opponent=opponent), 2 * own, average_radius)

@@ -37,6 +37,7 @@ FLOORS: dict[str, float] = {
     "spectral": 4,
     "tiles": 4.2,
     "regularization": 4.5,
+    "rule": 4,
     "plan": 4.5,
     "nearest": 4.7,
     "borders": 1,

@@ -8,7 +8,7 @@ below it, a name here, and a row in ``tests/test_weights.py``.
 
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights
 from .distance import Constant, constant, gaussian, inverse_distance
-from .guide import OPPONENT, Compared, Guided, blur_norm, guided, patch_weights, smoothed
+from .guide import OPPONENT, Compared, Guided, Smoothed, blur_norm, guided, patch_weights, smoothed
 from .similarity import Bilateral, Patch, bilateral, half, patch, recomputed
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "Patch",
     "PatchWeights",
     "PerVertex",
+    "Smoothed",
     "Weights",
     "bilateral",
     "blur_norm",
