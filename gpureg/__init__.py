@@ -10,7 +10,7 @@ from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
-from .noise import estimate_noise
+from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
 from .plan import DenoisePlan, plan_denoising
 from .regularization import regularize
 from .reorder import reordered
@@ -28,11 +28,13 @@ __all__ = [
     "GridGraph",
     "Interrupted",
     "Jacobi",
+    "PhotonNoise",
     "Result",
     "Stop",
     "__version__",
     "denoise_image",
     "estimate_noise",
+    "estimate_photon_noise",
     "from_networkx",
     "inpaint_image",
     "memory_needed",
