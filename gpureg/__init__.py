@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, spectral, weights
+from . import operators, spectral, tuning, weights
 from .backends import BackendUnavailable
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -47,6 +47,7 @@ __all__ = [
     "run_plan",
     "spectral",
     "to_networkx",
+    "tuning",
     "weights",
     "write_graph",
 ]
