@@ -201,6 +201,30 @@ def estimate_photon_noise(
     return PhotonNoise(gain, math.sqrt(max(level + gain * offset, 0.0)), float(offset))
 
 
+def gradient_to_noise(
+    array: npt.NDArray[Any], sigma: float, *, channel_axis: int | None, mask: npt.NDArray[np.bool_] | None
+) -> float:
+    """Root mean square of the clean image's differences between neighbours, over sigma.
+
+    From the mean square of the noisy differences less the noise's 2 sigma^2; 0 where no more than that is there.
+    """
+    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
+    kind: Any = np.float64 if array.dtype.itemsize > 4 else np.float32
+    rows = max(1, _LARGE // max(1, cells[0].size))
+    total = 0.0
+    for axis in range(cells.ndim - 1):
+        square, count = 0.0, 0
+        for first in range(0, len(cells), rows):
+            band = np.s_[first : first + rows + (axis == 0)]
+            steps = np.diff(cells[band].astype(kind), axis=axis)
+            if mask is not None:
+                inside = np.moveaxis(mask[band], axis, 0)
+                steps = steps[np.moveaxis(inside[1:] & inside[:-1], 0, axis)]
+            square, count = square + float(np.sum(steps**2, dtype=np.float64)), count + steps.size
+        total += square / count - 2 * sigma**2 if count else 0.0
+    return math.sqrt(max(total, 0.0) / (cells.ndim - 1)) / sigma
+
+
 Block = tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]
 
 

@@ -86,7 +86,7 @@ def calibrate(
         The noise, for SURE; None estimates it.
     channel_axis : int, optional
     mask : bool array, optional
-        Without the axis of the channels.
+        True where the image counts, without the axis of the channels.
     spacing : sequence of float, optional
     stride : int, default 4
     every : bool, default False
@@ -126,14 +126,10 @@ def calibrate(
             noise = estimate_noise(image, channel_axis=channel_axis, mask=mask)
         else:
             noise = float(sigma) if isinstance(sigma, int | float) else np.asarray(sigma)
-        inside = None if mask is None else np.asarray(mask)
-        if inside is not None and channel_axis is not None:
-            shape = np.shape(image)
-            inside = np.broadcast_to(np.expand_dims(inside, channel_axis), shape)
         known = noise
 
         def loss(one: Denoiser) -> float:
-            return sure(one, image, known, mask=inside, seed=seed)
+            return sure(one, image, known, mask=mask, channel_axis=channel_axis, seed=seed)
 
     elif method == "j-invariance":
 
@@ -160,22 +156,6 @@ def calibrate(
             trials.append(Trial(between, loss(lambda y: denoise(y, **between))))
     least = min(trials, key=lambda trial: trial.loss)
     return Calibration(least.parameters, least.loss, tuple(trials), method, noise)
-
-
-def least(loss: Callable[[float], float], start: float, *, factor: float = 20.0) -> tuple[float, float, int]:
-    """The number within `factor` of `start` at which a loss is least, to 5 percent, its loss, and the evaluations."""
-    from scipy import optimize
-
-    middle, reach = math.log(start), math.log(factor)
-    found: dict[float, float] = {}
-
-    def of(x: float) -> float:
-        found[x] = loss(math.exp(x))
-        return found[x]
-
-    optimize.minimize_scalar(of, bounds=(middle - reach, middle + reach), method="bounded", options={"xatol": 0.05})
-    best = min(found, key=lambda x: found[x])
-    return math.exp(best), found[best], len(found)
 
 
 def _vertex(at: list[Any], losses: list[float]) -> Any:

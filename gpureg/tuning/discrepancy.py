@@ -148,14 +148,13 @@ def match(ratio: Callable[[float], float], start: float, rtol: float = RTOL) -> 
     first = x = math.log(start)
     y = height(x)
     # The ratio falls about as 1/lam: a step beyond that guess, then larger ones, until 1 lies between two of them.
-    step = 1.5 * y
-    while y and abs(x + step - first) < math.log(_FURTHEST):
-        beyond = height(x + step)
+    step, most = 1.5 * y, math.log(_FURTHEST)
+    while y and x != (there := min(max(x + step, first - most), first + most)):
+        beyond = height(there)
         if y * beyond < 0:
-            low, high = sorted((x, x + step))
-            optimize.brentq(height, low, high, xtol=1e-4, rtol=1e-6, maxiter=50, disp=False)
+            optimize.brentq(height, min(x, there), max(x, there), xtol=1e-4, rtol=1e-6, maxiter=50, disp=False)
             break
-        x, y, step = x + step, beyond, 2 * step
+        x, y, step = there, beyond, 2 * step
     nearest = min(found, key=lambda x: abs(found[x]))
     return math.exp(nearest), math.exp(found[nearest]), len(found)
 

@@ -25,6 +25,7 @@ def sure(
     image: npt.ArrayLike,
     sigma: float | npt.ArrayLike,
     *,
+    channel_axis: int | None = None,
     mask: npt.ArrayLike | None = None,
     seed: int = 0,
     step: float | None = None,
@@ -40,8 +41,10 @@ def sure(
         The noisy image, or data of any shape.
     sigma : float or array
         Standard deviation >= 0 of its white Gaussian noise, in its units; an array broadcasts against the image.
+    channel_axis : int, optional
+        The axis of the channels, for `mask`.
     mask : bool array, optional
-        True where the image counts, in its shape or without a last axis of channels; NaN is allowed elsewhere.
+        True where a pixel counts, without the axis of the channels; NaN is allowed elsewhere.
     seed : int, default 0
         Of the probe: the same for denoisers that are compared.
     step : float, optional
@@ -71,7 +74,7 @@ def sure(
     >>> round(sure(lambda y: 0.5 * y, noisy, 2.0), 1)  # a quarter of the noise's energy is left
     1.0
     """
-    values, inside = _checked(image, mask)
+    values, inside = _checked(image, mask, channel_axis)
     noise = np.asarray(sigma)
     if noise.dtype.kind not in "iuf":
         raise TypeError(f"sigma must be a real number or an array of them, got {sigma!r}")
@@ -164,14 +167,12 @@ def j_invariance(
     filled = _neighbours(values, inside, steps)
     total, count = 0.0, 0
     for hidden in _grids([values.shape[a] if a in axes else 0 for a in range(values.ndim)], int(stride), every):
-        shown = values.copy()
-        shown[hidden] = filled[hidden]
         of = np.zeros(values.shape, bool)
         of[hidden] = True
         if inside is not None:
             of &= inside
         if of.any():
-            told = _denoised(denoise, shown, of)
+            told = _denoised(denoise, np.where(of, filled, values), of)
             total, count = total + float(((told - values[of]) ** 2).sum()), count + told.size
     if not count:
         raise ValueError(
@@ -180,21 +181,22 @@ def j_invariance(
     return total / count
 
 
-def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int | None = -1) -> tuple[Values, Inside]:
-    """The image as floats, 0 where it is not finite outside the mask, and the mask in its shape."""
+def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int | None) -> tuple[Values, Inside]:
+    """The image as floats, and the mask in its shape, after checking."""
     array = unmasked(image, "image")
     if array.dtype.kind not in "iuf":
         raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
+    if channel_axis is not None and not -array.ndim <= channel_axis < array.ndim:
+        raise ValueError(f"channel_axis must lie in {-array.ndim}..{array.ndim - 1}, got {channel_axis}")
     values: Values = array.astype(np.float32 if array.dtype in (np.float16, np.float32) else np.float64)
     inside = None
     if mask is not None:
         inside = np.asarray(mask)
-        if inside.dtype != np.bool_:
-            raise TypeError(f"mask must be boolean, got {inside.dtype}")
-        if inside.ndim == values.ndim - 1 and channel_axis is not None:
+        shape = array.shape if channel_axis is None else tuple(np.delete(array.shape, channel_axis).tolist())
+        if inside.dtype != np.bool_ or inside.shape != shape:
+            raise ValueError(f"mask must be boolean of shape {shape}, got {inside.dtype} of shape {inside.shape}")
+        if channel_axis is not None:
             inside = np.expand_dims(inside, channel_axis)
-        if inside.ndim != values.ndim or any(m not in (1, s) for m, s in zip(inside.shape, values.shape, strict=True)):
-            raise ValueError(f"mask must have the image's shape, {values.shape}, got {np.shape(mask)}")
         inside = np.broadcast_to(inside, values.shape)
     if not np.isfinite(_of(values, inside)).all():
         raise ValueError("image must be finite; a mask can leave pixels out")
