@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, plot, presets, spectral, weights
+from . import operators, plot, presets, spectral, tuning, weights
 from .backends import BackendUnavailable
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
@@ -12,8 +12,9 @@ from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
 from .nearest import patch_graph
-from .noise import estimate_noise
-from .plan import DenoisePlan, plan_denoising
+from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
+from .plan import DenoisePlan
+from .planning import plan_denoising
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
@@ -30,6 +31,7 @@ __all__ = [
     "GridGraph",
     "Interrupted",
     "Jacobi",
+    "PhotonNoise",
     "Result",
     "Stop",
     "__version__",
@@ -38,6 +40,7 @@ __all__ = [
     "denoise_nl_means",
     "denoise_tv",
     "estimate_noise",
+    "estimate_photon_noise",
     "from_networkx",
     "inpaint_image",
     "memory_needed",
@@ -53,6 +56,7 @@ __all__ = [
     "run_plan",
     "spectral",
     "to_networkx",
+    "tuning",
     "weights",
     "write_graph",
 ]

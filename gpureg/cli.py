@@ -24,7 +24,7 @@ from .image import run_plan
 from .io import PictureError, check_destination
 from .memory import as_bytes
 from .picture import checked_axes
-from .plan import plan_denoising
+from .planning import plan_denoising
 from .report import as_lines
 
 

@@ -19,7 +19,8 @@ from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
 from .noise import estimate_noise
 from .picture import AXES
-from .plan import DenoisePlan, plan_denoising
+from .plan import DenoisePlan
+from .planning import plan_denoising
 from .report import number, report_of
 from .solvers.loop import progress_bar
 from .weights import Weights

@@ -16,7 +16,8 @@ from .borders import cropped, expect_border, padded
 from .graph import GridGraph, Metric
 from .image import denoise_image, run_plan
 from .noise import estimate_noise
-from .plan import CENTRES, AveragePatches, Centre, DenoisePlan, checked
+from .pixels import checked
+from .plan import CENTRES, AveragePatches, Centre, DenoisePlan
 from .solvers import Jacobi
 from .weights import Weights, bilateral, patch
 

@@ -12,25 +12,24 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import GridGraph, Metric
+from .graph import Metric
 from .memory import budget
-from .nearest import nearest_patches
-from .plan import DenoisePlan, checked, filled, guided_by, plan_denoising
-from .problem import as_function, default_eps
-from .regularization import one_sweep, regularize
+from .pixels import as_image, checked, pixels_of
+from .plan import DenoisePlan, solve
+from .planning import plan_denoising
 from .result import Interrupted, Result, Stop
-from .solvers import Jacobi, Solver, resolve
+from .solvers import Solver
 from .solvers.loop import Callback
-from .tiles import OneStep
-from .weights import Weights, patch_weights
+from .tuning.fidelity import LamMethod
+from .weights import Weights
 
 
 def denoise_image(
     image: npt.ArrayLike,
     *,
-    sigma: float | None = None,
+    sigma: float | npt.ArrayLike | None = None,
     p: float | None = None,
-    lam: float | npt.ArrayLike | None = None,
+    lam: float | npt.ArrayLike | LamMethod | None = None,
     radius: float | None = None,
     metric: Metric | None = None,
     weights: Weights | npt.ArrayLike | None = None,
@@ -59,12 +58,14 @@ def denoise_image(
     ----------
     image : array
         Two or more axes, besides the channels. Values are used as they come, never rescaled.
-    sigma : float, optional
-        Standard deviation of the noise in the image's units; None estimates it (:func:`gpureg.estimate_noise`).
+    sigma : float or array, optional
+        Standard deviation of the noise in the image's units, or one per pixel; None estimates it
+        (:func:`gpureg.estimate_noise`).
     p : float, optional
         Degree of regularity > 0; None takes 2.
-    lam : float or array, optional
-        Fidelity >= 0, a number or one value per pixel: larger stays closer to the image.
+    lam : float, array or str, optional
+        Fidelity >= 0, a number or one value per pixel: larger stays closer to the image. "discrepancy", "sure" or
+        "j-invariance" search for it (:mod:`gpureg.tuning`), in some 15 runs; None takes a rule.
     radius : float, optional
         Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells (2 in a volume), or the
         nearest neighbours for constant weights.
@@ -135,15 +136,18 @@ def denoise_image(
         radius=radius,
         metric=metric,
         weights=weights,
+        nearest=nearest,
+        solver=solver,
         max_iter=max_iter,
         tol=tol,
         eps=eps,
         mask=mask,
         spacing=spacing,
         channel_axis=channel_axis,
+        backend=backend,
+        dtype=dtype,
+        memory=memory,
     )
-    if nearest is not None:
-        plan = replace(plan, nearest=nearest)
     model = {"gamma": gamma, "norm": norm, "coupled": coupled, "update_weights": update_weights}
     return run_plan(
         plan,
@@ -204,63 +208,25 @@ def run_plan(
             backend=name,
             seconds=time.perf_counter() - begin,
         )
-    kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if _is_long(array.dtype) else np.float32)
-    f0 = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    f0 = f0.astype(np.result_type(kind, np.float32), copy=False)
+    pixels = pixels_of(array, channel_axis, dtype)
     inside = None if mask is None else np.asarray(mask)
-    grid = GridGraph(f0.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
-    if inside is not None and not inside.all():
-        f0 = filled(f0, inside)
-    eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
-    weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
-    common: dict[str, Any] = dict(
-        lam=plan.lam, eps=eps, weights=weights, backend=backend, dtype=kind, memory=memory, progress=progress
-    )
-    settings = dict(p=plan.p, solver=solver, max_iter=plan.max_iter, tol=plan.tol, callback=callback, **model)
     with _converted(array, channel_axis, inside):
-        once = callback is None and _is_plain(model) and _is_one_sweep(plan, solver)
-        if once and (plan.centre == "largest" or plan.average_patches):
-            averaged = plan.average_radius if plan.average_radius is not None else _patch_radius(plan)
-            step = OneStep(
-                plan.centre == "largest",
-                averaged if plan.average_patches else None,
-                plan.average_patches == "weighted",
-            )
-            result = one_sweep(f0, grid, step=step, **common)
-        elif plan.nearest is not None:
-            nodes = as_function(grid, f0, "image")
-            graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=kind)
-            result = regularize(nodes, graph, **common, **settings)
-            result = replace(result, value=result.value.reshape(f0.shape))
-        elif once:
-            result = one_sweep(f0, grid, **common)
-        else:
-            result = regularize(f0, grid, **common, **settings)
-    value = _as_image(result.value, array, channel_axis, inside)
+        result = solve(
+            plan,
+            pixels,
+            inside,
+            solver=solver,
+            callback=callback,
+            guide=guide,
+            channel_axis=channel_axis,
+            model=model,
+            backend=backend,
+            dtype=pixels.dtype,
+            memory=memory,
+            progress=progress,
+        )
+    value = as_image(result.value, array, channel_axis, inside)
     return replace(result, value=value, seconds=time.perf_counter() - begin)
-
-
-def _is_plain(model: dict[str, Any]) -> bool:
-    """Whether nothing of the model but what a plan says is other than by default (at p = 2 channels are alone)."""
-    gamma = model.get("gamma", "sqrt")
-    by_name = isinstance(gamma, str) and gamma == "sqrt"
-    return by_name and model.get("norm", "vertex") == "vertex" and model.get("update_weights") is None
-
-
-def _patch_radius(plan: DenoisePlan) -> int:
-    found = patch_weights(plan.weights)
-    assert found is not None
-    return found[0].reach
-
-
-def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
-    """Whether :func:`one_sweep` does what the plan asks for: one sweep by the book, at p = 2, of patch weights."""
-    method = resolve(solver)
-    whole = isinstance(method, Jacobi) and method.damping in (None, 1)
-    # where data are missing the default may be damped
-    data = isinstance(method, Jacobi) and (method.damping == 1 or bool(np.min(plan.lam) > 0))
-    once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
-    return once and whole and data and patch_weights(plan.weights) is not None
 
 
 @contextmanager
@@ -271,27 +237,5 @@ def _converted(
     try:
         yield
     except Interrupted as interruption:
-        value = _as_image(interruption.result.value, array, channel_axis, inside)
+        value = as_image(interruption.result.value, array, channel_axis, inside)
         raise Interrupted(replace(interruption.result, value=value)) from None
-
-
-def _is_long(dtype: np.dtype[Any]) -> bool:
-    return dtype.kind in "iu" and dtype.itemsize > 2
-
-
-def _as_image(
-    value: npt.NDArray[Any],
-    array: npt.NDArray[Any],
-    channel_axis: int | None,
-    inside: npt.NDArray[np.bool_] | None,
-) -> npt.NDArray[Any]:
-    """A regularized function as an image like `array`: its axes, its dtype, and its own pixels outside the mask."""
-    image = value[..., 0] if channel_axis is None else np.moveaxis(value, -1, channel_axis)
-    if array.dtype.kind in "iu":
-        limits = np.iinfo(array.dtype)
-        np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
-    image = np.ascontiguousarray(image).astype(array.dtype, copy=False)
-    if inside is not None and not inside.all():
-        outside = ~inside if channel_axis is None else np.expand_dims(~inside, channel_axis)
-        image = np.where(outside, array, image)
-    return image

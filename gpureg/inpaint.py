@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .graph import FloatArray, GridGraph, Metric
 from .harmonic import harmonic
-from .plan import checked, filled
+from .pixels import checked, filled
 from .problem import default_eps
 from .regularization import regularize
 from .result import Interrupted

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from . import backends
 from .backends import Backend
 from .graph import FloatArray, Graph, GridGraph, IntArray, Metric
-from .plan import checked, filled, guided_by
+from .pixels import checked, filled, guided_by
 from .problem import as_function
 from .tiles import part_of
 from .weights import Patch, Weights, patch, patch_weights

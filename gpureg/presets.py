@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .filters import denoise_bilateral, denoise_nl_means
-from .plan import checked
+from .pixels import checked
 
 __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
 

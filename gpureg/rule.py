@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from .weights import OPPONENT, Weights, blur_norm, patch, smoothed
 
 # The noise beyond which the rule does not go on, in 255ths of the contrast.
@@ -28,16 +31,20 @@ class NonlocalRule(NamedTuple):
     average_radius: int | None
 
 
-def nonlocal_rule(noise: float, spread: float, channels: int, ndim: int) -> NonlocalRule:
+def nonlocal_rule(
+    noise: float, spread: float, channels: int, ndim: int, profile: npt.NDArray[np.float64] | None = None
+) -> NonlocalRule:
     """One step of nonlocal means for noise of this deviation on an image of contrast `spread`.
+
+    `profile`, (n,), is what each pixel has of the noise.
 
     Notes
     -----
     Weights compare a copy of the image blurred by a Gaussian of half a pixel, in RGB as brightness and, at 0.45, two
     opponent colours; patches are Gaussian, of deviation a; what the blur leaves of the noise, and a fifth more, is
     taken off their distances; neighbours further away count less (sigma_space); 3 x 3 patches are averaged by their
-    weights. With L the noise in 255ths of the contrast, fitted at L = 5 to 60 on seven grey and three colour photographs
-    and on two synthetic volumes, by coordinate descent on the mean PSNR.
+    weights. With L the noise in 255ths of the contrast, fitted at L = 5 to 60 on seven grey and three colour
+    photographs and on two synthetic volumes, by coordinate descent on the mean PSNR.
     """
     level = min(_LOUDEST, 255 * noise / spread) if spread > 0 else _LOUDEST
     blur, share, own, taken = 0.4 + level / 200, math.sqrt(channels), 0.6 + level / 70, 1.2
@@ -56,5 +63,6 @@ def nonlocal_rule(noise: float, spread: float, channels: int, ndim: int) -> Nonl
     h = max(h, 0.34) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur) ** ndim
     radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a))
-    weights = patch(radius, h, sigma=left, a=a, sigma_space=math.sqrt(2) * sigma_space)
+    of_each = 1.0 if profile is None else profile
+    weights = patch(radius, h * of_each, sigma=left * of_each, a=a, sigma_space=math.sqrt(2) * sigma_space)
     return NonlocalRule(smoothed(weights, blur, opponent=opponent), 2 * own, average_radius)

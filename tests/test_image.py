@@ -226,8 +226,8 @@ def test_given_parameters_are_kept() -> None:
     # lam follows the scale law: 255 times the values, lam times 255^(p - 2)
     scaled = gr.plan_denoising(before / 255, p=1)
     assert scaled.lam == pytest.approx(255 * local.lam, rel=1e-9)
-    # Measured at three seeds: 8.7 to 9.7, 7.0 to 7.4 and 3.6 to 3.8 dB; larger p blurs the edges.
-    for p, gain in ((0.7, 8), (1, 6.5), (1.5, 3)):
+    # Measured at three seeds: 8.5 to 9.2, 6.5 to 6.9 and 4.3 to 4.6 dB; larger p blurs the edges.
+    for p, gain in ((0.7, 8), (1, 6), (1.5, 4)):
         after = gr.denoise_image(before, p=p, backend="numpy")
         assert psnr(after, blocks()) > psnr(before, blocks()) + gain
     patches, box = gr.weights.patch(2, 60.0, sigma=20.0), gr.weights.constant()

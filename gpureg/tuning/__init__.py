@@ -1,0 +1,24 @@
+"""Choosing parameters from the noisy data alone.
+
+The discrepancy principle finds lam on any graph; SURE and J-invariance tell how good any denoiser's outcome is, and
+:func:`calibrate` the best of many parameters; :func:`nl_means_parameters` is a published table.
+"""
+
+from __future__ import annotations
+
+from .calibration import Calibration, Trial, calibrate
+from .discrepancy import Discrepancy, discrepancy
+from .nl_means import NlMeansParameters, nl_means_parameters
+from .risk import j_invariance, sure
+
+__all__ = [
+    "Calibration",
+    "Discrepancy",
+    "NlMeansParameters",
+    "Trial",
+    "calibrate",
+    "discrepancy",
+    "j_invariance",
+    "nl_means_parameters",
+    "sure",
+]
