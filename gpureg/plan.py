@@ -166,8 +166,8 @@ def plan_denoising(
     over sigma, at least 0.3, taken from the noisy one: the more there is to keep, the larger lam; sigma^(p - 2) is the
     scale law of the model. In m coupled channels it is m^(p/2 - 1) as large, along d axes (d/2)^(p/2). Fitted on 11
     photographs at sigma 5 to 40; on ten of them at p from 0.5 to 2 within 0.05 dB of the best lam on average, at worst
-    0.6. lam="sure" comes within 0.01 dB, in some 15 runs instead of one; "discrepancy" smooths too much, by 0.7 dB at p = 1;
-    "j-invariance" needs no white noise.
+    0.6. lam="sure" comes within 0.01 dB at p = 1, in some 15 runs instead of one; "discrepancy" smooths too much there,
+    by 0.7 dB; "j-invariance" needs no white noise.
 
     Examples
     --------
