@@ -16,8 +16,9 @@ from .risk import Inside, Values, j_invariance, sure
 LamMethod = Literal["discrepancy", "sure", "j-invariance"]
 LAM_METHODS: tuple[LamMethod, ...] = get_args(LamMethod)
 
-# The minimum of a loss is looked for within this factor of the first lam, to so much in log lam.
-_FACTOR, _PRECISION = 20.0, 0.05
+# The minimum of a loss is looked for within this factor of the first lam, to so much in log lam, and so many times anew
+# where it is at the end.
+_FACTOR, _PRECISION, _TIMES = 6.0, 0.1, 3
 
 
 def lam_rule(
@@ -111,7 +112,12 @@ def least(loss: Callable[[float], float], start: float) -> tuple[float, float, i
         found[x] = loss(math.exp(x))
         return found[x]
 
-    bounds = (middle - reach, middle + reach)
-    optimize.minimize_scalar(at, bounds=bounds, method="bounded", options={"xatol": _PRECISION})
-    best = min(found, key=lambda x: found[x])
+    best = middle
+    for _ in range(_TIMES):
+        bounds = (middle - reach, middle + reach)
+        optimize.minimize_scalar(at, bounds=bounds, method="bounded", options={"xatol": _PRECISION})
+        best = min(found, key=lambda x: found[x])
+        if abs(best - middle) < reach - 2 * _PRECISION:
+            break
+        middle = best
     return math.exp(best), found[best], len(found)
