@@ -141,7 +141,7 @@ def plan_denoising(
         # lam = 2: the centre counted once
         default_lam, default_iterations = 2.0, 1
         if weights is None:
-            weights, default_lam, average_radius = nonlocal_rule(noise, spread, channels, ndim, profile)
+            weights, default_lam, average_radius = nonlocal_rule(noise, spread, channels, ndim, steps, profile)
             if max_iter not in (None, 1) or tol is not None:
                 average_radius = None  # patches are averaged after one sweep alone
     else:
