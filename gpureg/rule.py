@@ -57,16 +57,17 @@ def nonlocal_rule(
     sigma_space = min(4 + level**2 / 130, 15.0)
     average_radius: int | None = 1
     if ndim > 2:
-        blur, a, h, own, sigma_space, average_radius = 0.6, 0.4 + level / 70, 1.15 - level / 80, 0.75, math.inf, None
+        blur, a, h, own = 0.6, min(0.8, max(0.5, level / 50)), 1.15 - level / 100, 0.75
+        sigma_space, average_radius = math.inf, None
     elif channels == 1:
-        a, h = 0.7 + level / 25, 0.8 - level / 90
+        a, h = 0.7 + level / 25, 0.78 - level / 110
     else:
-        a, h, own, taken, sigma_space = 0.8, 0.93 - level / 80, 0.6, 1.1, 2.5 + level / 6
+        a, h, own, taken, sigma_space = 0.8, 0.9 - level / 80, 0.6, 1.1, 5 + level / 6
     opponent = channels == 3
     if opponent:
         # a distance in opponent colours has the noise of so many equal channels
         share = math.sqrt((OPPONENT**2).sum())
-    h = max(h, 0.34) * noise * share
+    h = max(h, 0.34 if channels > 1 else 0.4) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur, spacing, ndim)
     radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a))
     sigma_space *= math.sqrt(2) * (1.0 if spacing is None else min(spacing))
