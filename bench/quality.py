@@ -282,6 +282,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = [name for name in PICTURES if wanted.only in name]
     if not names:
         parser.error(f"no picture has {wanted.only!r} in its name; there are {', '.join(PICTURES)}")
+    if missing := [name for name in names if data("images", PICTURES[name]) is None]:
+        parser.error(f"there is no picture {', '.join(missing)}: {NEEDS_DATA}")
     kept: Path | None = wanted.peers
     rows: Rows = json.loads(kept.read_text("utf-8")) if kept is not None and kept.exists() else {}
 
