@@ -444,9 +444,8 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     guide = None if guided is None else guided.of(grid, f).astype(backend.dtype, copy=False)
     form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
     if step.averaged is not None and step.fuses(backend, grid):
-        lam = _per_patch(grid, part.lam, step.averaged)
         form = replace(form, average=step.averaged)
-        data, counted = backend.put(grid, f), backend.put(grid, lam)
+        data, counted = backend.put(grid, f), backend.put(grid, _per_patch(grid, part.lam, step.averaged))
         return backend.get(grid, backend.similarity_step(grid, f, form, data, counted, guide=guide))
     if step.averaged is not None:
         weighted = backend.patch_distance(grid, f if guide is None else guide, form)
