@@ -65,8 +65,9 @@ def report(source: Path, target: Path, *options: object, env: dict[str, str] | N
     def reject(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")
 
-    out = done(denoise(source, target, "--json", *options, env=env))
-    return json.loads(out, parse_constant=reject)
+    result = denoise(source, target, "--json", *options, env=env)
+    done(result)
+    return json.loads(result.stdout, parse_constant=reject)
 
 
 def process(
