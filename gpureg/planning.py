@@ -54,7 +54,7 @@ def plan_denoising(
 
     Notes
     -----
-    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 15 x 15 window, in a volume
+    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 21 x 21 window, in a volume
     5 x 5 x 5, whose weights compare a copy blurred by half a pixel: :func:`gpureg.rule.nonlocal_rule` says which. A map
     of sigma makes maps of their h and sigma.
 
@@ -121,7 +121,7 @@ def plan_denoising(
     elif radius is None:
         # So many of the finest cells, and one cell at least along every axis.
         finest, coarsest = (min(given.spacing), max(given.spacing)) if given.spacing else (1.0, 1.0)
-        reach, steps = max((7.0 if ndim == 2 else 2.0) * finest, coarsest), given.spacing
+        reach, steps = max((10.0 if filters and weights is None and ndim == 2 else 7.0 if ndim == 2 else 2.0) * finest, coarsest), given.spacing
     else:
         reach, steps = float(radius), given.spacing
     offsets = GridGraph(cells, reach, metric, spacing=steps).offsets
@@ -141,7 +141,7 @@ def plan_denoising(
         # lam = 2: the centre counted once
         default_lam, default_iterations = 2.0, 1
         if weights is None:
-            weights, default_lam, average_radius = nonlocal_rule(noise, spread, channels, ndim, profile)
+            weights, default_lam, average_radius = nonlocal_rule(noise, spread, channels, ndim, steps, profile)
             if max_iter not in (None, 1) or tol is not None:
                 average_radius = None  # patches are averaged after one sweep alone
     else:

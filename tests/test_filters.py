@@ -323,7 +323,10 @@ WRONG = [
     (lambda f: gr.denoise_bilateral(f, centre="2"), "centre must be one of"),
     (lambda f: gr.denoise_tv(f, lam=-1), "lam must be >= 0"),
     (lambda f: gr.denoise_tv(f, lam=1, radius=-3), "reach the nearest neighbour"),
-    (lambda f: gr.denoise_image(f, p=1, lam=1, nearest=3), "nearest patches need patch weights"),
+    (
+        lambda f: gr.denoise_image(f, p=1, lam=1, nearest=3, weights=gr.weights.bilateral(2, 1)),
+        "nearest patches need patch weights",
+    ),
     (lambda f: gr.denoise_image(f, p=1, lam=1, nearest=0, weights=gr.weights.patch(1, 1.0)), "must be >= 1, got 0"),
     (
         lambda f: gr.denoise_image(f, p=1, lam=1, weights=np.ones((9, 8, 8)), update_weights=2, radius=1),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from cases import TOLERANCES, rng
 
 import gpureg as gr
-from gpureg import image as door
-from gpureg import noise
-from gpureg import plan as planning
+from gpureg import noise, pixels, plan, planning
 
 
 def blocks(shape: tuple[int, ...] = (48, 64), size: int = 16) -> np.ndarray:
@@ -99,13 +98,14 @@ def test_one_sweep_is_that_of_regularize(device: str, name: str, channels: int |
     mask[3:9, 30:] = False
     lam = np.where(rng(5).random(mask.shape) < 0.1, np.inf, rng(7).random(mask.shape) + 0.5)
     chosen = gr.plan_denoising(before, sigma=20.0, lam=lam, mask=mask, channel_axis=channels, **ONE_SWEEP[name])
+    chosen = replace(chosen, average_patches=False)  # which is no sweep of the process
     result = gr.run_plan(chosen, before, mask=mask, channel_axis=channels, backend=device)
     assert len(result.energy) == len(result.checks) == 0
     assert (result.iterations, result.stop) == (1, gr.Stop.MAX_ITER)
-    data = door.filled(before.reshape(*mask.shape, -1), mask)
+    data = pixels.filled(before.reshape(*mask.shape, -1), mask)
     grid = gr.GridGraph(mask.shape, chosen.radius, chosen.metric, mask=mask)
     stored = gr.regularize(
-        data, grid, p=2, lam=lam, weights=door.weights_of(chosen, data), max_iter=1, backend="numpy", dtype="float64"
+        data, grid, p=2, lam=lam, weights=chosen.weights, max_iter=1, backend="numpy", dtype="float64"
     )
     far = np.abs(result.value - stored.value.reshape(before.shape))[mask]
     assert far.max() <= TOLERANCES["float32"] * np.abs(before).max()
@@ -115,8 +115,8 @@ def test_a_plain_sweep_alone_goes_without_stored_weights(monkeypatch: pytest.Mon
     """Any other wish needs what the one step does not give, and runs as ever."""
     before = noisy(blocks((20, 24)), 20)
     calls = []
-    one_sweep = door.one_sweep
-    monkeypatch.setattr(door, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
+    one_sweep = plan.one_sweep
+    monkeypatch.setattr(plan, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
     call = {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "sigma": 20.0, "backend": "numpy"}
     for wish in ({}, {"lam": 0, "solver": gr.Jacobi(damping=1)}, {"dtype": "float64"}, {"solver": gr.Jacobi()}):
         gr.denoise_image(before, **{**call, **wish})
@@ -172,16 +172,18 @@ def test_patches_over_the_mask_see_the_nearest_pixel() -> None:
     mask = np.ones(before.shape, bool)
     mask[20:34, 8:22] = False
     call = {"mask": mask, "sigma": 20.0, "backend": "numpy"}
-    whole = gr.denoise_image(np.where(mask, before, np.nan), **call)
-    assert np.array_equal(gr.denoise_image(np.where(mask, before, -9999.0), **call)[mask], whole[mask])
+    averaged = gr.denoise_image(np.where(mask, before, np.nan), **call)
+    assert np.array_equal(gr.denoise_image(np.where(mask, before, -9999.0), **call)[mask], averaged[mask])
     # the same by hand: the nearest values put there, weights computed from them
-    filled = door.filled(before[..., None], mask)[..., 0]
-    plan = gr.plan_denoising(np.where(mask, before, np.nan), mask=mask, sigma=20.0)
+    call |= {"weights": gr.weights.patch(2, 50.0, sigma=20.0), "lam": 1.0}
+    filled = pixels.filled(before[..., None], mask)[..., 0]
+    whole = gr.denoise_image(np.where(mask, before, np.nan), **call)
     grid = gr.GridGraph(before.shape, 7, mask=mask)
-    by_hand = gr.regularize(filled.astype(np.float32), grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
+    settings = {"weights": call["weights"], "lam": 1.0, "max_iter": 1, "backend": "numpy"}
+    by_hand = gr.regularize(filled.astype(np.float32), grid, **settings)
     assert np.array_equal(by_hand.value[mask].astype(float), whole[mask])
     zeros = np.where(mask, before, 0).astype(np.float32)
-    darker = gr.regularize(zeros, grid, weights=plan.weights, lam=1, max_iter=1, backend="numpy")
+    darker = gr.regularize(zeros, grid, **settings)
     assert not np.array_equal(darker.value[mask].astype(float), whole[mask])  # so that the above can fail
     tiled = gr.denoise_image(np.where(mask, before, np.nan), **call, memory=900_000)
     assert np.array_equal(tiled[mask], whole[mask])
@@ -191,7 +193,7 @@ def test_volume_without_parameters() -> None:
     clean = blocks((12, 32, 32), 8)
     before = noisy(clean, 20)
     plan = gr.plan_denoising(before)
-    assert "5x5x5 window, 3x3x3" in plan.describe()
+    assert "5x5x5 window, 5x5x5" in plan.describe()
     after = gr.denoise_image(before, backend="numpy")
     # Measured at three seeds: 11.2 to 11.3 dB.
     assert psnr(after, clean) > psnr(before, clean) + 10
@@ -340,12 +342,12 @@ def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest
     y, x = np.indices((1500, 1400))
     scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
     before = noisy(scene, sigma).astype(np.float32)
-    whole, contrast = gr.estimate_noise(before), planning._contrast(before, None, None)
+    whole, contrast = gr.estimate_noise(before), pixels.contrast(before, None, None)
     monkeypatch.setattr(noise, "_LARGE", 1 << 20)
-    monkeypatch.setattr(planning, "_BAND", 1 << 17)
+    monkeypatch.setattr(pixels, "_BAND", 1 << 17)
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)
-    assert planning._contrast(before, None, None) == contrast
+    assert pixels.contrast(before, None, None) == contrast
 
 
 def test_noise_estimate_of_channels_masks_and_stacks() -> None:

@@ -11,7 +11,7 @@ from cases import rng
 from test_image import blocks, noisy, psnr
 
 import gpureg as gr
-from gpureg import plan as planning
+from gpureg import pixels, planning
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
 METHODS = ("discrepancy", "sure", "j-invariance")
@@ -48,7 +48,7 @@ def test_sure_says_the_quality_it_reaches() -> None:
     said = lines(plan)["lam"].split("PSNR ")[1].split()
     reached = gr.run_plan(plan, before, **NUMPY).value
     span = float(said[3].rstrip(","))
-    assert span == pytest.approx(planning._contrast(before, None, None), rel=1e-3)  # four digits are printed
+    assert span == pytest.approx(pixels.contrast(before, None, None), rel=1e-3)  # four digits are printed
     # 9,216 pixels: the estimate scatters by 400 sqrt(2/9216) = 6 of an error of some 40
     truth = 10 * math.log10(span**2 / np.mean((reached - clean) ** 2))
     assert float(said[0]) == pytest.approx(truth, abs=10 * math.log10(1.5))
@@ -85,8 +85,8 @@ def test_solving_a_plan_is_running_it() -> None:
     for settings in ({}, {"p": 1}, {"weights": gr.weights.bilateral(2.0, 60.0), "max_iter": 3}):
         plan = gr.plan_denoising(before, mask=mask, **settings)
         run = gr.run_plan(plan, before, mask=mask, **NUMPY).value
-        pixels = planning.pixels_of(before, None, "float64")
-        solved = planning.solve(plan, pixels, mask, solver="jacobi", **NUMPY).value[..., 0]
+        cells = pixels.pixels_of(before, None, "float64")
+        solved = planning.solve(plan, cells, mask, solver="jacobi", **NUMPY).value[..., 0]
         assert np.array_equal(run[mask], solved[mask])
 
 
@@ -123,7 +123,9 @@ def test_the_rule_grows_with_what_there_is_to_keep(p: float) -> None:
 def test_every_parameter_is_explained() -> None:
     before = noisy(blocks(), 20)
     found = lines(gr.plan_denoising(before))
-    assert set(found) == {"noise", "weights", "patch", "h", "window", "p", "lam", "iterations"}
+    rows = {"noise", "weights", "patch", "compared", "h", "window", "averaging", "p", "lam", "iterations"}
+    assert set(found) == rows
+    assert "blurred by" in found["compared"] and "3x3 patches" in found["averaging"]
     assert "estimated from the image" in found["noise"]
     assert all("rule" in found[name] for name in ("weights", "patch", "h", "window", "lam", "iterations"))
     assert "default" in found["p"]

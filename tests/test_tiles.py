@@ -118,13 +118,11 @@ def test_a_step_without_stored_weights_in_tiles(
     whole = gr.denoise_image(image, **call)
     assert not pieces
     plan = gr.plan_denoising(image, **{k: v for k, v in call.items() if k != "backend"})
-    weights = plan.weights
-    if plan.opponent:
-        weights = gr.weights.guided(weights, np.zeros((1, 3)))
-    part = gr.GridGraph((110, 53), plan.radius)
-    allowed = gr.memory_needed(
-        part, channels=1 if channels is None else 3, lam=np.ones(2), weights=weights, stored=False, backend=device
-    )
+    part, m = gr.GridGraph((110, 53), plan.radius), 1 if channels is None else 3
+    # averaged patches need stored weights, and one channel more
+    averages = bool(plan.average_patches)
+    job = {"channels": m + averages, "lam": np.ones(2), "weights": plan.weights, "stored": averages}
+    allowed = gr.memory_needed(part, backend=device, **job)
     tiled = gr.denoise_image(image, **call, memory=allowed)
     assert len(pieces[0].tiles) > 1
     assert tiled.tobytes() == whole.tobytes()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -77,7 +78,7 @@ class Smoothed(Compared):
     opponent: bool = False
 
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
-        """The data in opponent colours or their own, smoothed along every axis of the grid, over its mask."""
+        """The data in opponent colours or their own, smoothed along every axis of the grid."""
         from scipy import ndimage
 
         if not isinstance(graph, GridGraph):
@@ -86,18 +87,12 @@ class Smoothed(Compared):
         if self.std == 0:
             return f
         cells = f.reshape(*graph.shape, f.shape[1])
-        stds = (self.std,) * graph.ndim
+        stds = blur_stds(self.std, graph.spacing, graph.ndim)
 
-        def smooth(x: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return np.asarray(ndimage.gaussian_filter(x, stds, mode="mirror", truncate=_TRUNCATE))
-
-        if graph.mask is None:
-            channels = [smooth(cells[..., c]) for c in range(f.shape[1])]
-        else:
-            # the mean over the mask alone
-            inside = smooth(graph.mask.astype(f.dtype))
-            known = np.where(inside > 0, inside, 1)
-            channels = [smooth(np.where(graph.mask, cells[..., c], 0)) / known for c in range(f.shape[1])]
+        # under a mask too: patches see what stands there, and so does the blur
+        channels = [
+            ndimage.gaussian_filter(cells[..., c], stds, mode="mirror", truncate=_TRUNCATE) for c in range(f.shape[1])
+        ]
         return np.stack(channels, axis=-1).reshape(f.shape)
 
     @property
@@ -178,7 +173,7 @@ def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights
     ----------
     weights : Weights
     std : float
-        Standard deviation of the Gaussian >= 0, in cells; it ends at 4 of them.
+        Standard deviation of the Gaussian >= 0, in the smallest cells (fewer of larger ones); it ends at 4 of them.
     opponent : bool, default False
         Compare brightness and, at 0.45, two opponent colours instead of red, green and blue: three channels.
 
@@ -208,15 +203,22 @@ def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights
     return Smoothed(_expect_weights(weights), 0.0 if std == 0 else positive("std", std), bool(opponent))
 
 
-def blur_norm(std: float) -> float:
-    """The l2 norm of the blur's kernel along one axis: what it leaves of the deviation of white noise."""
+def blur_stds(std: float, spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:
+    """The blur along each axis, in cells: of as much length along all."""
+    return (std,) * ndim if spacing is None else tuple(std * min(spacing) / step for step in spacing)
+
+
+def blur_norm(std: float, spacing: Sequence[float] | None, ndim: int) -> float:
+    """The l2 norm of the blur's kernel: what it leaves of the deviation of white noise."""
     from scipy import ndimage
 
-    if std == 0:
-        return 1.0
-    impulse = np.zeros(2 * int(_TRUNCATE * std + 0.5) + 3)
-    impulse[len(impulse) // 2] = 1
-    return math.sqrt(float((ndimage.gaussian_filter1d(impulse, std, truncate=_TRUNCATE) ** 2).sum()))
+    norm = 1.0
+    for along in blur_stds(std, spacing, ndim):
+        if along > 0:
+            impulse = np.zeros(2 * int(_TRUNCATE * along + 0.5) + 3)
+            impulse[len(impulse) // 2] = 1
+            norm *= math.sqrt(float((ndimage.gaussian_filter1d(impulse, along, truncate=_TRUNCATE) ** 2).sum()))
+    return norm
 
 
 def _expect_weights(weights: object) -> Weights:
