@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from commands import clean_picture, denoise, done, environment, failed, noisy_picture, process
+from commands import clean_picture, denoise, done, environment, failed, noisy_picture, on_terminal, process
 from users import needs_users, no_root
 
 import gpureg
@@ -292,22 +292,9 @@ def test_one_bar_over_the_files(raw):
     """On the error stream, gone at the end, and nothing of it in the report."""
     got = process("denoise", "raw/*", "out", "--backend", "numpy", "--progress", "--json", cwd=raw.parent)
     assert got.returncode == 0 and len(json.loads(got.stdout)["files"]) == 3
-    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
-    main, terminal = pty.openpty()
-    command = [sys.executable, "-m", "gpureg", "denoise", "raw/*", "out", "--backend", "numpy"]
-    with subprocess.Popen(
-        command, cwd=raw.parent, stdout=subprocess.PIPE, stderr=terminal, env=environment({"TERM": "xterm"})
-    ) as running:
-        os.close(terminal)
-        shown = b""
-        try:
-            while chunk := os.read(main, 65536):
-                shown += chunk
-        except OSError:  # how Linux says that the other end is closed
-            pass
-        out = running.stdout.read()
-    os.close(main)
-    assert running.returncode == 0 and out.startswith(b"done     3 of 3 files")
+    arguments = ("denoise", "raw/*", "out", "--backend", "numpy")
+    code, shown, out = on_terminal(*arguments, cwd=raw.parent, stdout=subprocess.PIPE)
+    assert code == 0 and out.startswith(b"done     3 of 3 files")
     assert b"files" in shown and b"3/3" in shown and b"iterations" not in shown
 
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from commands import SIGMA, clean_picture, denoise, done, environment, failed, noisy_picture, process, report
+from commands import SIGMA, clean_picture, denoise, done, failed, noisy_picture, on_terminal, process, report
 
 import gpureg
 from gpureg.io import Picture, read_picture, write_picture
@@ -332,35 +329,16 @@ def test_explain_tells_what_the_command_chose(tmp_path, noisy, options, rows):
         assert row.format(three_sigma) in told
 
 
-def shown(columns: int, *arguments: object) -> list[str]:
-    """The lines of a call on a terminal of so many columns."""
-    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
-    main, terminal = pty.openpty()
-    env = environment({"TERM": "dumb", "COLUMNS": str(columns)})
-    with subprocess.Popen(
-        [sys.executable, "-m", "gpureg", *map(str, arguments)], stdout=terminal, stderr=terminal, env=env
-    ) as running:
-        os.close(terminal)
-        told = b""
-        try:
-            while chunk := os.read(main, 65536):
-                told += chunk
-        except OSError:  # how Linux says that the other end is closed
-            pass
-    os.close(main)
-    assert running.returncode == 0, told
-    return told.decode().splitlines()
-
-
 @pytest.mark.parametrize("columns", [80, 120])
 def test_explain_on_a_terminal(tmp_path, noisy, columns):
     """No line is wider than the terminal; what is broken goes on under its column, and no word is lost."""
-    call = ("denoise", noisy.name, "o.png", "--backend", "numpy", "--explain", "--no-progress")
-    (folder,) = {noisy.parent, tmp_path}
-    lines = shown(columns, *call[:1], folder / call[1], "o.png", *call[3:])
+    options = ("--backend", "numpy", "--explain", "--no-progress")
+    code, shown, _ = on_terminal("denoise", "noisy.png", "o.png", *options, columns=columns, cwd=tmp_path)
+    assert code == 0
+    lines = shown.decode().splitlines()
     wanted = gpureg.plan_denoising(read_picture(noisy).pixels).explain()
     table = lines[: next(i for i, line in enumerate(lines) if line.startswith("noise    s"))]
-    assert max(map(len, lines[:-2])) < columns
+    assert max(map(len, lines)) < columns
     assert " ".join(table).split() == wanted.split()
     column = max(len(line) - len(line.split("  ")[-1]) for line in wanted.splitlines())
     broken = [line for line in table if line.startswith(" ")]
