@@ -121,7 +121,10 @@ def plan_denoising(
     elif radius is None:
         # So many of the finest cells, and one cell at least along every axis.
         finest, coarsest = (min(given.spacing), max(given.spacing)) if given.spacing else (1.0, 1.0)
-        reach, steps = max((10.0 if filters and weights is None and ndim == 2 else 7.0 if ndim == 2 else 2.0) * finest, coarsest), given.spacing
+        reach, steps = (
+            max((10.0 if filters and weights is None and ndim == 2 else 7.0 if ndim == 2 else 2.0) * finest, coarsest),
+            given.spacing,
+        )
     else:
         reach, steps = float(radius), given.spacing
     offsets = GridGraph(cells, reach, metric, spacing=steps).offsets

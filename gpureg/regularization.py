@@ -317,19 +317,21 @@ def one_sweep(
     device = backends.get(backend, kind)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
-    averages = step.averaged is not None  # from stored weights, with the channel that is divided by, and its shares
+    averages = step.averaged is not None
+    # from stored weights, with the channel that is divided by, and its shares
+    stored = averages and not step.fuses(device, graph)
     job = Job(
-        channels=problem.f0.shape[1] + averages,
+        channels=problem.f0.shape[1] + stored,
         weights=problem.weights,
         per_vertex=averages or not isinstance(problem.lam, float),
-        stored=averages,
+        stored=stored,
     )
     # Smaller tiles cost nothing here, where a halo is one window wide, and leave the host its memory.
     small = Budget(min(allowed.total, _STEP_BYTES), min(allowed.largest, _STEP_BYTES), allowed.asked)
     whole = (slice(0, s) for s in graph.shape)
     tiles = Tiling(1, (Tile(*[tuple(whole)] * 2),))
     if not small.holds(job.need(graph, device)):
-        tiles = tiling(graph, job, device, small, lambda n: step.halo(problem), work_of(problem, stored=averages), 1)
+        tiles = tiling(graph, job, device, small, lambda n: step.halo(problem), work_of(problem, stored=stored), 1)
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
         value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
     return Result(

@@ -70,7 +70,11 @@ def nonlocal_rule(
     h = max(h, 0.34 if channels > 1 else 0.4) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur, spacing, ndim)
     radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a))
+    shape: float | None = a
+    if channels > 1 and ndim == 2:
+        # a flat patch of 3 x 3 tells as much in colour: its weights sum to 9
+        radius, shape, h = 1, None, 0.95 * 3 * h
     sigma_space *= math.sqrt(2) * (1.0 if spacing is None else min(spacing))
     of_each = 1.0 if profile is None else profile
-    weights = patch(radius, h * of_each, sigma=left * of_each, a=a, sigma_space=sigma_space)
+    weights = patch(radius, h * of_each, sigma=left * of_each, a=shape, sigma_space=sigma_space)
     return NonlocalRule(smoothed(weights, blur, opponent=opponent), 2 * own, average_radius)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from .backends import Array, Backend, Weighted
 from .graph import FloatArray, GridGraph, all_finite
@@ -408,6 +409,10 @@ class OneStep:
     averaged: int | None = None
     by_weight: bool = False
 
+    def fuses(self, backend: Backend, grid: GridGraph) -> bool:
+        """Whether averaged patches are a step whose weights are not stored: averaging patches is averaging weights."""
+        return self.by_weight and not self.largest and backend.averages and grid.ndim == 2
+
     def halo(self, problem: Problem) -> tuple[int, ...]:
         """Cells along each axis from which data reach a vertex."""
         return tuple(cells + (self.averaged or 0) for cells in halo(problem, 1))
@@ -438,12 +443,28 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     f = part.f0.astype(backend.dtype, copy=False)
     guide = None if guided is None else guided.of(grid, f).astype(backend.dtype, copy=False)
     form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
+    if step.averaged is not None and step.fuses(backend, grid):
+        form = replace(form, average=step.averaged)
+        data, counted = backend.put(grid, f), backend.put(grid, _per_patch(grid, part.lam, step.averaged))
+        return backend.get(grid, backend.similarity_step(grid, f, form, data, counted, guide=guide))
     if step.averaged is not None:
         weighted = backend.patch_distance(grid, f if guide is None else guide, form)
         return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
     lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
     on_device = backend.put(grid, f)
     return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
+
+
+def _per_patch(grid: GridGraph, lam: float | FloatArray, radius: int) -> FloatArray:
+    """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
+    count: npt.NDArray[np.float64] = (np.ones(grid.shape) if grid.mask is None else grid.mask).astype(np.float64)
+    for axis, size in enumerate(grid.shape):
+        around = np.pad(count, [(radius, radius) if a == axis else (0, 0) for a in range(grid.ndim)])
+        count = np.stack([around.take(range(j, j + size), axis) for j in range(2 * radius + 1)]).sum(axis=0)
+    every = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1), (grid.n_vertices,))
+    finite = np.where(np.isinf(every), 0, every) * count.ravel()
+    counted: FloatArray = np.where(np.isinf(every), every, finite)[:, None]
+    return counted
 
 
 def _averaged(

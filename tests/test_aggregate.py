@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import bounds
@@ -11,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
 
-from gpureg import backends
+from gpureg import backends, tiles
 from gpureg.backends import BackendUnavailable
 from gpureg.graph import GridGraph
 
@@ -124,6 +125,36 @@ def test_half_weights_are_averaged_too(device):
     sizes = oracle().aggregate(oracle().patch_distance(grid, f, form), np.abs(f), np.ones_like(f), np.ones_like(f), 1)
     assert (np.abs(half - full) <= (2.0**-11 + 1e-5) * sizes).all()
     assert (half != full).any()
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize(("channels", "radius"), [(1, 1), (3, 1), (1, 2)])
+def test_averaged_weights_are_averaged_patches(device, channels, radius, masked):
+    """The step whose weights are sums over patches: what `aggregate` gives with shares of 1, divided by its own sum.
+
+    Some 120 x 25 positive terms a sum, on values of size 1, in another order: 2 x 3000 roundings at the very most, and
+    far fewer as they grow like a random walk (measured: 4e-7).
+    """
+    backend = backends.get(device)
+    if not backend.averages:
+        pytest.skip("sums of weights that are not stored are OpenCL's")
+    mask = cases.rng(5).random((37, 53)) < 0.85 if masked else None
+    grid = GridGraph((37, 53), 5, "euclidean", mask=mask)
+    f, form = cases.function(grid, channels), PatchCase("", radius=2, scale=2.0, spatial=True).form(grid)
+    inside = np.ones((grid.n_vertices, 1)) if mask is None else mask.reshape(-1, 1).astype(float)
+    for lam in (0.0, 1.5):
+        count = tiles._per_patch(grid, lam, radius)
+        step = dataclasses.replace(form, average=radius)
+        fused = backend.get(
+            grid, backend.similarity_step(grid, f, step, backend.put(grid, f), backend.put(grid, count))
+        )
+        weighted = backend.patch_distance(grid, f, form)
+        args = (np.concatenate([f * inside, inside], 1), inside, lam / 2 * inside)
+        sums = backend.get(grid, backend.aggregate(weighted, *(backend.put(grid, x) for x in args), radius))
+        known = inside[:, 0] > 0
+        assert_allclose(fused[known], sums[known, :-1] / sums[known, -1:], rtol=0, atol=5e-6)
+        plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
+        assert np.abs(plain - fused)[known].max() > 1e-3
 
 
 def test_only_stored_weights_of_a_grid(device):

@@ -87,6 +87,9 @@ class PatchForm:
         a >= 0 and q > 0 of each vertex.
     cut : float
         Exponentials below it count as 0.
+    average : int
+        In :meth:`Backend.similarity_step` alone, where the backend ``averages``: weights are sums of those of all pairs
+        (u - j, v - j) on the grid, j in a square patch of this radius.
     """
 
     profile: FloatArray
@@ -95,6 +98,7 @@ class PatchForm:
     spatial: FloatArray | None = None
     maps: FloatArray | None = None
     cut: float = 0.0
+    average: int = 0
 
     @property
     def radius(self) -> int:
@@ -250,6 +254,9 @@ class Backend(ABC):
 
     # The forms in which the device holds weights: what saves memory here, whatever else is accepted.
     storages: ClassVar[tuple[Storage, ...]] = ("full",)
+
+    # Whether `similarity_step` knows averaged weights, on grids of two axes.
+    averages: ClassVar[bool] = False
 
     # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
     # `similarity_step`; all else treats a vertex alike wherever it lies.

@@ -177,6 +177,7 @@ class OpenCLBackend(Backend):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
+    averages = True
     storages = ("full", "half", "none")
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:

@@ -107,8 +107,9 @@ class Strips:
     @property
     def pitch(self) -> int:
         """Numbers in a padded row."""
-        wide = self.graph.shape[-1] + 4 * self.form.radius + (self.packs + 2) * self.lanes
-        pitch = round_up(wide, self.lanes) + 2 * round_up(self.reach, self.lanes)
+        beside = 4 * self.form.radius + 2 * self.form.average
+        wide = self.graph.shape[-1] + beside + (self.packs + 3) * self.lanes
+        pitch = round_up(wide, self.lanes) + 2 * self.left
         return pitch if pitch * self.itemsize % _ALIASING_BYTES else pitch + self.lanes
 
     @property
@@ -119,7 +120,7 @@ class Strips:
     @property
     def left(self) -> int:
         """Zeros in a padded row before its first patch."""
-        return round_up(self.reach, self.lanes)
+        return round_up(self.reach + self.form.average, self.lanes)
 
     def options(self, channels: int) -> tuple[str, ...]:
         """Build options, for patches that compare so many channels."""
@@ -130,6 +131,7 @@ class Strips:
         options += ["-DSHIFTED_DISTANCE"] if form.scale is not None and form.shift != 0 else []
         options += ["-DSPATIAL"] if form.spatial is not None else []
         options += ["-DMASKED"] if self.graph.mask is not None else []
+        options += [f"-DA={form.average}"] if form.average else []
         options += ["-DCUT"] if form.scale is not None and form.cut else []
         options += ["-DMAPS"] if form.scale is not None and form.maps is not None else []
         return tuple(options)

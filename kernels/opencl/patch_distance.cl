@@ -63,7 +63,7 @@ ALONE __kernel void patch_distance(
 {
     STRIP_PLACE
     if (x0 >= width_) return;
-    realN down[S * WIDE], rho[B];
+    realN down[S * WIDE], rho[SPAN];
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
         if (from < until) SUM_DOWN;

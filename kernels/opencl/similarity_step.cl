@@ -2,6 +2,7 @@
  *
  *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
  *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
+ *   or, with A, the sum of these over the pairs (u - j, v - j), |j| <= A along either axis: patches averaged by weight;
  *   with MAPS as patch_distance.cl says; with LARGEST lam counts in units of the largest weight around u (not with PAIRS)
  *
  * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is infinite,
@@ -121,19 +122,20 @@ ALONE __kernel void similarity_step(
 {
     STRIP_PLACE
     __global real *slot = slots + ((long)(strip % ring) * blocks + get_global_id(0)) * SLOT;
-    realN near[S * B * SUMS], far[(S + REACH) * B * SUMS], down[S * WIDE], rho[B];
+    realN near[S * B * SUMS], far[(S + REACH) * B * SUMS];
+    BLOCK_ARRAYS
     for (int i = 0; i < S * B * SUMS; ++i) near[i] = 0;
     for (int i = 0; i < (S + REACH) * B * SUMS; ++i) far[i] = 0;
     for (int i = 0; i < SLOT; i += N) STORE(slot, i, (realN)(0));
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
-        if (from < until) SUM_DOWN;
+        BLOCK_OF(k)
         for (int y = from; y < until; ++y) {
-            sum_along(down + y * WIDE, profile, rho);
+            ROW_OF(y)
 #pragma unroll
             for (int p = 0; p < B; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
-                const realN w = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 + p * N);
+                const realN w = PRESENT_WEIGHT(WEIGHT_OF(k, y, p, u, v), u, v, x0 + p * N);
                 realN *at_u = near + (y * B + p) * SUMS, *at_v = far + ((y + dy) * B + p) * SUMS;
                 at_u[0] += w;
                 at_v[0] += w;
@@ -165,7 +167,8 @@ ALONE __kernel void similarity_step(
 {
     STRIP_PLACE
     if (x0 >= width_) return;
-    realN total[S * B], pull[S * B * M], down[S * WIDE], rho[B];
+    realN total[S * B], pull[S * B * M];
+    BLOCK_ARRAYS
     for (int i = 0; i < S * B; ++i) total[i] = 0;
 #ifdef LARGEST
     realN largest[S * B];
@@ -174,13 +177,13 @@ ALONE __kernel void similarity_step(
     for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
-        if (from < until) SUM_DOWN;
+        BLOCK_OF(k)
         for (int y = from; y < until; ++y) {
-            sum_along(down + y * WIDE, profile, rho);
+            ROW_OF(y)
 #pragma unroll
             for (int p = 0; p < B; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
-                const realN w = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 + p * N);
+                const realN w = PRESENT_WEIGHT(WEIGHT_OF(k, y, p, u, v), u, v, x0 + p * N);
                 total[y * B + p] += w;
 #ifdef LARGEST
                 largest[y * B + p] = fmax(largest[y * B + p], w);

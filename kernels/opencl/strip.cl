@@ -36,6 +36,9 @@
 #ifndef Q
 #define Q 1 /* channels that the patches compare */
 #endif
+#ifndef A
+#define A 0 /* on two axes: weights are sums of those of the (2 A + 1)^2 pairs (u - j, v - j) around a pair */
+#endif
 
 /* A CPU gets groups of one work item: a group of more would keep as many copies of its arrays. */
 #if N > 1
@@ -45,7 +48,8 @@
 #endif
 
 #define DOWN (NDIM > 1 ? R : 0)               /* radius of the patch across the rows */
-#define WIDE (B + (2 * R + N - 1) / N)        /* packs in a row of `down` */
+#define SPAN (B + (2 * A + N - 1) / N)        /* packs in a row of weights: the block's, and A cells beside it */
+#define WIDE (SPAN + (2 * R + N - 1) / N)     /* packs in a row of `down` */
 
 #define STRIP_ARGS                                                                                                   \
     __global const real *guide,        /* Q planes of padded rows: what the patches compare */                       \
@@ -215,7 +219,7 @@ static inline void sum_along(const realN *c, __global const real *profile, realN
 {
     const real *numbers = (const real *)c;
 #pragma unroll
-    for (int p = 0; p < B; ++p) {
+    for (int p = 0; p < SPAN; ++p) {
 #if R == 0 || defined(FLAT)
         realN sum = c[p];
 #pragma unroll
@@ -260,6 +264,47 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 #define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
 #else
 #define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
+#endif
+
+/* What a kernel that does not store its weights goes through for offset k: BLOCK_OF once, ROW_OF for each row of the block
+ * that has neighbours, WEIGHT_OF for a pack. With A the weights of A rows above and below the block, and A cells beside it,
+ * are computed too, and added along the rows; what is added down the columns is added where it is used. */
+#if A > 0
+#define BLOCK_ARRAYS realN down[(S + 2 * A) * WIDE], rho[SPAN], single[SPAN], across[(S + 2 * A) * B];
+#define BLOCK_OF(k)                                                                                                  \
+    for (int i = 0; i < (S + 2 * A) * B; ++i) across[i] = 0;                                                         \
+    if (from < until) {                                                                                              \
+        const int low = max(-A, -min(y0, y0 + dy)), high = min(rows + A, height - max(y0, y0 + dy));                 \
+        const bool leaves = min(x0, x0 + dx) < A || max(x0, x0 + dx) - A + SPAN * N > width_;                        \
+        sum_down(guide + padded0 - A, padded_pitch, padded_plane, ahead, low, high, n_lines, lines, line_weights, profile, \
+                 down + A * WIDE);                                                                                   \
+        for (int y = low; y < high; ++y) {                                                                           \
+            sum_along(down + (y + A) * WIDE, profile, rho);                                                          \
+            for (int p = 0; p < SPAN; ++p) {                                                                         \
+                const long u = centre0 + y * padded_pitch + p * N - A, v = u + ahead;                                \
+                single[p] = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 - A + p * N);                    \
+            }                                                                                                        \
+            for (int p = 0; p < B; ++p) {                                                                            \
+                realN sum = LOAD_PRIVATE((const real *)single, p * N);                                               \
+                for (int j = 1; j <= 2 * A; ++j) sum += LOAD_PRIVATE((const real *)single, p * N + j);               \
+                across[(y + A) * B + p] = sum;                                                                       \
+            }                                                                                                        \
+        }                                                                                                            \
+    }
+#define ROW_OF(y)
+#define WEIGHT_OF(k, y, p, u, v) sum_across(across + (y) * B + (p))
+static inline realN sum_across(const realN *across)
+{
+    realN sum = across[0];
+#pragma unroll
+    for (int i = 1; i <= 2 * A; ++i) sum += across[i * B];
+    return sum;
+}
+#else
+#define BLOCK_ARRAYS realN down[S * WIDE], rho[SPAN];
+#define BLOCK_OF(k) if (from < until) SUM_DOWN;
+#define ROW_OF(y) sum_along(down + (y) * WIDE, profile, rho);
+#define WEIGHT_OF(k, y, p, u, v) SIMILARITY_AT(rho[p], k, u, v)
 #endif
 
 #endif
