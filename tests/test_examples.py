@@ -1,0 +1,87 @@
+"""The page of examples runs, prints what it says, and its gains are there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pages
+import pytest
+
+PAGE = Path(__file__).parent.parent / "docs" / "images.md"
+pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
+
+# Which two lines of a section are compared, and how many dB the second must be above the first: somewhat less than the
+# page says, so that another device's or library's last digits do not matter.
+GAINS = [
+    ("Without parameters", "noisy", "denoised", 9.0),
+    ("A volume", "noisy", "denoise_image", 15.0),
+    ("A volume", "noisy", "denoise_nl_means", 15.0),
+    ("A volume", "slice by slice", "denoise_image", 0.8),
+    ("A volume", "spacing not said", "denoise_image", 0.5),
+    ("A series in colour", "noisy", "time as an axis", 10.0),
+    ("A series in colour", "frame by frame", "time as an axis", 1.4),
+    ("A series in colour", "frame by frame", "frames half a pixel apart", 2.0),
+    ("Holes and a mask", "noisy", "denoised", 9.0),
+    ("Holes and a mask", "holes taken for black", "beside holes", 5.0),
+    ("Photon noise", "noisy", "map of sigma", 10.0),
+    ("Photon noise", "one sigma, estimated", "map of sigma", 5.0),
+    ("Photon noise", "one sigma, the best", "map of sigma", 1.4),
+    ("Photon noise", "Anscombe and back", "map of sigma", -0.2),
+    ("The filters one by one", "centre once", "largest, averaged patches", 0.7),
+    ("The filters one by one", "one h", "map of h", 1.8),
+    ("The filters one by one", "by itself", "with a guide", 8.0),
+    ("Choosing parameters", "the best there is", "calibrated", -0.1),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the page is run and draws its pictures."""
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "images").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ran(folder: Path) -> list[pages.Block]:
+    """The page's blocks, run once."""
+    for peer in ("cv2", "matplotlib", "skimage"):
+        pytest.importorskip(peer)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("GPUREG_BACKEND", raising=False)
+        return list(pages.run(PAGE, folder))
+
+
+def test_page_prints_what_it_says(ran: list[pages.Block]) -> None:
+    """Words are the same; numbers agree to half a percent, 0.15 dB, where devices differ by 0.01 dB."""
+    assert len(ran) > 15
+    wrong = [
+        f"line {block.line}: said\n{block.said}printed\n{block.printed}"
+        for block in ran
+        if not pages.same(block.said, block.printed, 5e-3)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(("section", "less", "more", "gain"), GAINS, ids=lambda value: str(value))
+def test_gains(ran: list[pages.Block], section: str, less: str, more: str, gain: float) -> None:
+    lines = [line for block in ran if block.section == section for line in block.printed.splitlines()]
+    psnr = {line[:26].strip(): float(line[26:-2]) for line in lines if line.endswith(" dB")}
+    assert psnr[more] - psnr[less] > gain
+
+
+def test_pictures(ran: list[pages.Block], folder: Path) -> None:
+    """Those that the page shows are those it draws, and they are kept beside it, small."""
+    shown = {f"images/{path.name}" for path in (folder / "images").iterdir()}
+    assert shown == set(re.findall(r"!\[.*?\]\((.*?)\)", PAGE.read_text("utf-8")))
+    for name in shown:
+        assert (PAGE.parent / name).stat().st_size < 150_000, name
+
+
+def test_a_page_that_says_something_else_is_found_out() -> None:
+    assert pages.same("noisy  22.07 dB\n", "noisy 22.0 dB", 5e-3)
+    assert not pages.same("noisy  22.07 dB\n", "noisy 21.0 dB", 5e-3)
+    assert not pages.same("noisy  22.07 dB\n", "clean 22.07 dB", 5e-3)
+    assert not pages.same("", "noisy 22.07 dB", 5e-3)
+    assert not pages.same("noisy 22.07 dB\n", "", 5e-3)
