@@ -12,9 +12,10 @@ from statistics import fmean as mean
 from typing import Any
 
 from .backends import BackendUnavailable
-from .files import Settings, beside_of, denoise_file, rehearse
+from .files import beside_of, denoise_file
 from .io import FORMATS, PictureError
 from .report import axes_line, left_out, quality_line
+from .settings import Settings, rehearse
 from .solvers.loop import progress_bar
 
 # What may go wrong with one file and is told in a sentence.

@@ -8,7 +8,10 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,14 +21,18 @@ import numpy as np
 
 from . import __version__, backends
 from .batch import FAILURES, Outcome, denoise_files, expand, is_pattern, sentence
-from .files import Settings, as_spacing, denoise_file
+from .files import denoise_file
 from .graph import METRICS
 from .image import run_plan
 from .io import PictureError, check_destination
 from .memory import as_bytes
 from .picture import checked_axes
+from .plan import CENTRES
 from .planning import plan_denoising
+from .problem import NORMS
 from .report import as_lines
+from .settings import AVERAGING, Settings, as_spacing
+from .tuning.fidelity import LAM_METHODS
 
 
 class _Failure(click.ClickException):
@@ -76,6 +83,31 @@ def main() -> None:
     """Denoise pictures by p-Laplacian regularization on weighted graphs, on the fastest device at hand."""
 
 
+def _fidelity(text: str) -> float | str:
+    """A number, or the name of a search for one."""
+    word = text.strip().lower()
+    if word in LAM_METHODS:
+        return word
+    try:
+        return float(word)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is neither a number >= 0 nor one of {', '.join(LAM_METHODS)}.") from None
+
+
+def _say(text: str, *, err: bool = False) -> None:
+    """Write text, its lines broken under their last column where a terminal would break them anywhere."""
+    if (sys.stderr if err else sys.stdout).isatty():
+        width = shutil.get_terminal_size().columns - 1
+        lines = []
+        for line in text.splitlines():
+            columns = re.match(r".*\S {2,}", line)
+            hanging = " " * min(len(columns[0]) if columns else 0, 2 * width // 3)
+            whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+            lines += textwrap.wrap(line, width, subsequent_indent=hanging, **whole) or [""]
+        text = "\n".join(lines)
+    click.echo(text, err=err)
+
+
 _FILE = click.Path(path_type=Path, readable=False)
 
 # Options that belong to one weight function alone.
@@ -95,9 +127,22 @@ _OPTIONS_OF_WEIGHTS = {
 @click.argument("paths", metavar="IN... OUT", nargs=-1)
 @click.option("--sigma", type=float, help="Noise's standard deviation in pixel values.  [default: estimated]")
 @click.option("--p", type=float, help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.  [default: 2]")
-@click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to the picture.")
+@click.option(
+    "--lam",
+    type=_fidelity,
+    metavar="FLOAT|METHOD",
+    help="Fidelity >= 0: larger stays closer to the picture; or a search for it, in some 15 runs: "
+    f"{', '.join(LAM_METHODS)}.  [default: by rule, from the noise]",
+)
 @click.option("--radius", type=float, help="Reach of the window in pixels, or units of --spacing.")
 @click.option("--metric", type=click.Choice(METRICS), help="Shape of the window: square, disk, diamond.")
+@click.option(
+    "--norm",
+    type=click.Choice(NORMS),
+    default="vertex",
+    show_default=True,
+    help="One gradient norm at each pixel, or one along each edge (anisotropic); p other than 2.",
+)
 @click.option(
     "--weights",
     "kind",
@@ -109,6 +154,19 @@ _OPTIONS_OF_WEIGHTS = {
 @click.option("--patch-std", type=float, help="patch: Gaussian patch of this standard deviation.  [default: flat]")
 @click.option("--sigma-space", type=float, help="bilateral: reach as --radius.  [default: 3 of the finest pixels]")
 @click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.  [default: 3 sigma]")
+@click.option(
+    "--centre",
+    type=click.Choice(CENTRES),
+    help="patch, bilateral, one sweep: a pixel itself counts with weight 1, the largest around it, or not at all.  "
+    "[default: once]",
+)
+@click.option(
+    "--average-patches",
+    type=click.Choice(list(AVERAGING)),
+    help="patch, one sweep: a pixel is the mean over all patches that cover it, plain or weighted by what they found.  "
+    "[default: weighted in a picture without --weights, otherwise none]",
+)
+@click.option("--nearest", type=int, help="patch: keep so many of each pixel's edges, those to the nearest patches.")
 @click.option("--max-iter", type=int, help="Iterations at most.")
 @click.option("--tol", type=float, help="Stop when the largest change is this share of the range.")
 @click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
@@ -128,6 +186,9 @@ _OPTIONS_OF_WEIGHTS = {
     "--spacing", help="Size of a voxel along each axis but C, such as 3,1,1, or the word file.  [default: 1 along each]"
 )
 @click.option("--mask", type=_FILE, help="Picture, nonzero where pixels take part; or a folder of such, by name.")
+@click.option(
+    "--guide", type=_FILE, help="Picture that the weights compare instead of IN; or a folder of such, by name."
+)
 @click.option("--reference", type=_FILE, help="Clean picture, or a folder of them: PSNR and SSIM are reported.")
 @click.option("--explain", is_flag=True, help="Print the plan first: what was chosen for each parameter, and why.")
 @click.option(
@@ -166,8 +227,7 @@ def denoise(
     many = len(names) > 1 or is_pattern(names[0]) or os.path.isdir(out)
 
     def tell(plan: str) -> None:
-        if not as_json:
-            click.echo(plan)
+        _say(plan, err=as_json)
 
     def settings() -> Settings:
         read = {"memory": as_bytes, "spacing": as_spacing, "axes": checked_axes}
@@ -186,7 +246,7 @@ def denoise(
         if as_json:
             click.echo(json.dumps(report, indent=2))
         elif not quiet:
-            click.echo(as_lines(report))
+            _say(as_lines(report))
         return
     outcome = _sentences(all_of_them)
     if outcome.failed:
@@ -197,7 +257,7 @@ def denoise(
     if as_json:
         click.echo(json.dumps(outcome.as_json(), indent=2))
     elif not quiet:
-        click.echo(outcome.as_lines())
+        _say(outcome.as_lines())
     raise click.exceptions.Exit(1 if outcome.failed else 0)
 
 
@@ -229,10 +289,12 @@ def demo(target: Path, sigma: float, backend: str) -> None:
             plot.compare(noisy, result.value, reference=clean, path=target, caption=caption)
         except ImportError as error:
             raise PictureError(f"the demo needs {error.name}: pip install 'gpureg[plot]'") from None
-        click.echo(f"noise    sigma = {plan.sigma:.4g} of 255, estimated (added: {sigma:g})")
-        click.echo(f"filter   {plan.describe()}")
-        click.echo(f"done     {result.seconds:.2f} s on {result.backend}; PSNR {before:.2f} -> {after:.2f} dB")
-        click.echo(f"picture  {target.resolve()}")
+        _say(
+            f"noise    sigma = {plan.sigma:.4g} of 255, estimated (added: {sigma:g})\n"
+            f"filter   {plan.describe()}\n"
+            f"done     {result.seconds:.2f} s on {result.backend}; PSNR {before:.2f} -> {after:.2f} dB\n"
+            f"picture  {target.resolve()}"
+        )
 
     _sentences(work)
 

@@ -8,75 +8,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import backends, plot, weights
-from .graph import Metric
+from . import plot
 from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
-from .noise import estimate_noise
 from .picture import AXES
-from .plan import DenoisePlan
-from .planning import plan_denoising
 from .report import number, report_of
+from .settings import Settings, expect_fitting, plan_of
 from .solvers.loop import progress_bar
-from .weights import Weights
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What is asked for besides the files; the fields are the options of ``gpureg denoise``."""
-
-    sigma: float | None = None
-    p: float | None = None
-    lam: float | None = None
-    radius: float | None = None
-    metric: Metric | None = None
-    max_iter: int | None = None
-    tol: float | None = None
-    eps: float | None = None
-    kind: Literal["constant", "bilateral", "patch"] | None = None
-    patch_radius: int = 2
-    h: float | None = None
-    patch_std: float | None = None
-    sigma_space: float | None = None
-    sigma_value: float | None = None
-    backend: str = "auto"
-    dtype: str | None = None
-    memory: int | None = None
-    axes: str | None = None
-    each: tuple[str, ...] = ()
-    spacing: tuple[float, ...] | Literal["file"] | None = None
-    mask: Path | None = None
-    reference: Path | None = None
-    explain: bool = False
-
-
-def as_spacing(text: str) -> tuple[float, ...] | Literal["file"]:
-    """Sizes of a voxel from a text such as ``"3,1,1"``, or the word ``"file"``.
-
-    Raises
-    ------
-    ValueError
-        Anything else.
-
-    Examples
-    --------
-    >>> as_spacing("3,1,1")
-    (3.0, 1.0, 1.0)
-    """
-    if text.strip().lower() == "file":
-        return "file"
-    try:
-        sizes = tuple(float(size) for size in text.split(","))
-    except ValueError:
-        sizes = ()
-    if not sizes or not all(math.isfinite(size) and size > 0 for size in sizes):
-        raise ValueError(f"spacing must be finite numbers > 0 such as 3,1,1, or the word file, got {text!r}")
-    return sizes
 
 
 @dataclass(frozen=True)
@@ -132,6 +75,7 @@ def denoise_file(
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.denoise_image`.
     """
+    expect_fitting(settings)
     for beside in beside_of(source, settings):
         if os.path.exists(beside) and os.path.exists(target) and os.path.samefile(beside, target):
             raise ValueError(f"{target} would overwrite {beside}, which is read; give another OUT")
@@ -149,6 +93,9 @@ def denoise_file(
         clean = layout.turned(clean, picture.axes)
         measure = partial(_quality, clean=clean, kept=kept, limits=limits, axis=axis)
         quality.append(measure(slices))
+    guides: npt.NDArray[Any] | None = None
+    if settings.guide is not None:
+        guides = layout.turned(*_guide(picture, source, _beside(settings.guide, source)))
     through = "".join(letter for letter in layout.through if picture.size(letter) > 1)
     values, runs = [], []
     explained: list[str] = []
@@ -160,20 +107,19 @@ def denoise_file(
             if mask is not None and not mask.any():
                 values.append(part)
                 continue
-            plan = _plan(part, settings, layout.spacing, axis, mask)
+            plan = plan_of(part, settings, layout.spacing, axis, mask)
             if settings.explain:
                 heading = "" if len(slices) == 1 else f"slice {i + 1} of {len(slices)} along {through}\n"
-                explained.append(heading + getattr(plan, "explain", plan.describe)())
+                explained.append(heading + plan.explain())
                 tell(explained[-1])
             result = run_plan(
                 plan,
                 part,
                 mask=mask,
                 channel_axis=axis,
-                backend=settings.backend,
-                dtype=settings.dtype,
+                guide=None if guides is None else guides[i],
                 progress=progress and len(slices) == 1,
-                memory=settings.memory,
+                **settings.run(),
             )
             values.append(result.value)
             runs.append((plan, replace(result, value=np.empty(0))))
@@ -182,12 +128,18 @@ def denoise_file(
         quality.append(measure(np.stack(values)))
     write_picture(target, replace(picture, pixels=layout.turned_back(values, picture)))
     report = report_of(runs, source, target, picture, through=through)
+    if isinstance(settings.lam, str):
+        report["lam_search"] = settings.lam
+    if settings.norm != "vertex":
+        report["norm"] = settings.norm
     if layout.spacing is not None:
         report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
     if settings.mask is not None:
         report |= {"mask": str(settings.mask), "outside_mask": masked}
     if nans:
         report["nan"] = nans
+    if settings.guide is not None:
+        report["guide"] = str(settings.guide)
     if quality:
         report["reference"] = str(settings.reference)
         for name, pair in zip(("psnr", "ssim"), zip(*quality, strict=True), strict=True):
@@ -237,8 +189,9 @@ def _beside(path: Path, source: Path) -> Path:
 
 
 def beside_of(source: Path, settings: Settings) -> list[Path]:
-    """The files that are read besides `source`: its mask and its reference."""
-    return [_beside(path, source) for path in (settings.mask, settings.reference) if path is not None]
+    """The files that are read besides `source`: its mask, its guide and its reference."""
+    beside = (settings.mask, settings.guide, settings.reference)
+    return [_beside(path, source) for path in beside if path is not None]
 
 
 def _inside(picture: Picture, source: Path, settings: Settings) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
@@ -265,6 +218,17 @@ def _inside(picture: Picture, source: Path, settings: Settings) -> tuple[npt.NDA
     if inside is not None and not inside.any():
         raise PictureError(f"{source}: no pixel takes part, all are NaN or outside the mask")
     return inside, nans, masked
+
+
+def _guide(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], str]:
+    """What the weights compare instead of the picture, with channels of its own, and the letters of its axes."""
+    guide = read_picture(path)
+    if guide.cells != picture.cells:
+        raise PictureError(f"the guide {path} has the shape {guide.cells}, {source} has {picture.cells}")
+    letters = list(picture.axes.replace("C", ""))
+    if guide.channel_axis is not None:
+        letters.insert(guide.channel_axis, "C")
+    return guide.pixels, "".join(letters)
 
 
 def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], tuple[float, float]]:
@@ -305,68 +269,3 @@ def _quality(
         raise PictureError(f"--reference: {error}") from None
     known = [ssim for ssim in found if not math.isnan(ssim)]
     return psnr, sum(known) / len(known) if known else math.nan
-
-
-def _plan(
-    part: npt.NDArray[Any],
-    settings: Settings,
-    spacing: tuple[float, ...] | None,
-    axis: int | None,
-    mask: npt.NDArray[np.bool_] | None,
-) -> DenoisePlan:
-    """What to do with a picture, a volume or a series."""
-
-    def noise_of_it() -> float:
-        return estimate_noise(part, channel_axis=axis, mask=mask)
-
-    function: Weights | None = None
-    if settings.kind is not None:
-        noise = noise_of_it() if settings.sigma is None else settings.sigma
-        lacks = {"bilateral": settings.sigma_value is None, "patch": settings.h is None}.get(settings.kind, False)
-        if lacks and noise == 0:
-            pass  # nothing to choose from, and nothing to do
-        elif settings.kind == "constant":
-            function = weights.constant()
-        elif settings.kind == "bilateral":
-            reach = 3.0 * min(spacing or (1.0,)) if settings.sigma_space is None else settings.sigma_space
-            function = weights.bilateral(reach, 3 * noise if settings.sigma_value is None else settings.sigma_value)
-        else:
-            channels = 1 if axis is None else part.shape[axis]
-            ndim = part.ndim - (axis is not None)
-            samples = (2 * settings.patch_radius + 1) ** ndim if settings.patch_std is None else 1
-            h = 0.6 * noise * math.sqrt(samples * channels) if settings.h is None else settings.h
-            function = weights.patch(settings.patch_radius, h, sigma=noise, a=settings.patch_std)
-    plan = plan_denoising(
-        part,
-        sigma=settings.sigma,
-        p=settings.p,
-        lam=settings.lam,
-        radius=settings.radius,
-        metric=settings.metric,
-        weights=function,
-        max_iter=settings.max_iter,
-        tol=settings.tol,
-        eps=settings.eps,
-        mask=mask,
-        spacing=spacing,
-        channel_axis=axis,
-    )
-    if plan.sigma is None:  # it decided nothing, but is reported
-        plan = replace(plan, sigma=noise_of_it(), estimated=True)
-    return plan
-
-
-def rehearse(settings: Settings) -> None:
-    """Raise what any picture would: options that are wrong whatever the file holds.
-
-    Raises
-    ------
-    ValueError, TypeError, BackendUnavailable
-        As :func:`denoise_file`.
-    """
-    backends.get(settings.backend, np.float32 if settings.dtype is None else settings.dtype)
-    noise = np.random.default_rng(0).standard_normal((8, 8))
-    if settings.spacing is not None:  # in whose units the radius is
-        settings = replace(settings, radius=None)
-    plan = _plan(noise, settings, None, None, None)
-    run_plan(replace(plan, max_iter=min(plan.max_iter, 1)), noise, backend="numpy", dtype=settings.dtype)

@@ -136,13 +136,17 @@ class DenoisePlan:
                 rows["compared"] = seen.removeprefix(", "), self.reasons.get("patch", "given")
             rows["h"] = f"{w.h:.4g}", self.reasons.get("h", "given")
         if isinstance(w, Bilateral):
-            rows["reach"] = f"{w.sigma_space:.4g} in space, {w.sigma_value:.4g} in value", "given"
+            rows["reach"] = (
+                f"{w.sigma_space:.4g} in space, {w.sigma_value:.4g} in value",
+                self.reasons.get("reach", "given"),
+            )
         rows["window"] = f"{'x'.join(map(str, self.window))}, {self.metric}", self.reasons.get("window", "given")
         if self.average_patches:
             radius = w.radius if self.average_radius is None else self.average_radius
             kind = "by their weights" if self.average_patches == "weighted" else "plainly"
             sides = "x".join([str(2 * radius + 1)] * ndim)
-            rows["averaging"] = f"{sides} patches, {kind}", self.reasons.get("patch", "given")
+            why = self.reasons.get("averaging", self.reasons.get("patch", "given"))
+            rows["averaging"] = f"{sides} patches, {kind}", why
         if self.nearest is not None:
             rows["nearest"] = f"{self.nearest}", self.reasons.get("nearest", "given")
         rows["p"] = f"{self.p:g}", self.reasons.get("p", "given")

@@ -66,8 +66,8 @@ def plan_denoising(
     average, at worst 0.6. lam="sure" comes within 0.01 dB, in some 15 runs instead of one; "discrepancy" smooths too
     much, by 0.7 dB at p = 1; "j-invariance" needs no white noise.
 
-    With `nearest` and p other than 2, patches of 7 x 7 over a window of 21 x 21, h = 0.7 sigma per sample,
-    lam = 2 sigma^(p - 2) and 3 iterations, which was good on the camera picture.
+    With `nearest` and p other than 2, patches of 7 x 7 over a window of 21 x 21, h = sigma per sample,
+    lam = 3.1 sigma^(p - 2) and 4 iterations, which was good on the camera picture at p = 1.
 
     Examples
     --------
@@ -121,10 +121,8 @@ def plan_denoising(
     elif radius is None:
         # So many of the finest cells, and one cell at least along every axis.
         finest, coarsest = (min(given.spacing), max(given.spacing)) if given.spacing else (1.0, 1.0)
-        reach, steps = (
-            max((10.0 if filters and weights is None and ndim == 2 else 7.0 if ndim == 2 else 2.0) * finest, coarsest),
-            given.spacing,
-        )
+        wide = 2.0 if ndim > 2 else 10.0 if weights is None else 7.0
+        reach, steps = max(wide * finest, coarsest), given.spacing
     else:
         reach, steps = float(radius), given.spacing
     offsets = GridGraph(cells, reach, metric, spacing=steps).offsets
@@ -153,11 +151,11 @@ def plan_denoising(
             weights = constant() if nearest is None else _patches(noise, channels, ndim)
         default_lam = 0.0
         if lam is None and nearest is not None:
-            default_lam = 2 * noise ** (degree - 2)
+            default_lam = 3.1 * noise ** (degree - 2)
         elif lam is None:
             default_lam = lam_rule(array, noise, degree, channel_axis=channel_axis, mask=mask, local=local)
         # at p = 2 more sweeps only blur
-        default_iterations = 3 if degree == 2 or nearest is not None else 200
+        default_iterations = 3 if degree == 2 else 200 if nearest is None else 4
         if tol is None and max_iter is None and degree != 2:
             tol, reasons["tol"] = 1e-4, "rule"
     plan = DenoisePlan(
@@ -216,5 +214,5 @@ def _noise_profile(
 def _patches(noise: float, channels: int, ndim: int) -> Weights:
     """Patch weights for iterations on the graph of nearest patches."""
     radius = 3 if ndim == 2 else 1
-    h = 0.7 * noise * math.sqrt(channels * (2 * radius + 1) ** ndim)
+    h = noise * math.sqrt(channels * (2 * radius + 1) ** ndim)
     return patch(radius, h, sigma=noise)

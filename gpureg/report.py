@@ -29,6 +29,7 @@ def _run(plan: DenoisePlan, result: Result) -> dict[str, Any]:
         "filter": plan.describe(),
         "p": plan.p,
         "lam": number(float(np.asarray(plan.lam))),
+        "lam_reason": plan.reasons.get("lam", "given"),
         "radius": plan.radius,
         "metric": plan.metric,
         "iterations": result.iterations,
@@ -97,7 +98,11 @@ def as_lines(report: dict[str, Any]) -> str:
     slices = f" in each of {len(runs)} slices along {report['each']}" if "each" in report else ""
     lines.append(f"noise    sigma = {sigma}{white}, {origin}{slices}")
     same = len({run["filter"] for run in runs}) == 1
-    lines.append(f"filter   {runs[0]['filter']}{'' if same else ' (first slice)'}")
+    more = "; edge norm" if report.get("norm") == "edge" else ""
+    more += f"; guided by {report['guide']}" if "guide" in report else ""
+    lines.append(f"filter   {runs[0]['filter']}{more}{'' if same else ' (first slice)'}")
+    if "lam_search" in report and runs[0]["iterations"]:
+        lines.append(f"lam      {runs[0]['lam']:.4g}; {runs[0]['lam_reason']}{'' if same else ' (first slice)'}")
     if report.get("nan") or report.get("outside_mask"):
         lines.append(left_out(report.get("nan", 0), report.get("outside_mask", 0)))
     if "psnr" in report:

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 import gpureg
@@ -65,8 +66,9 @@ def report(source: Path, target: Path, *options: object, env: dict[str, str] | N
     def reject(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")
 
-    out = done(denoise(source, target, "--json", *options, env=env))
-    return json.loads(out, parse_constant=reject)
+    result = denoise(source, target, "--json", *options, env=env)
+    done(result)
+    return json.loads(result.stdout, parse_constant=reject)
 
 
 def process(
@@ -78,6 +80,29 @@ def process(
         [sys.executable, *start, *map(str, arguments)],
         capture_output=True, text=True, encoding="utf-8", timeout=300, env=environment(env), **kwargs,
     )  # fmt: skip
+
+
+def on_terminal(
+    *arguments: object, columns: int = 80, cwd: Path | None = None, stdout: int | None = None
+) -> tuple[int, bytes, bytes]:
+    """gpureg on a terminal: its exit code, what the terminal got, and standard output where that is a pipe."""
+    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
+    main, terminal = pty.openpty()
+    command = [sys.executable, "-m", "gpureg", *map(str, arguments)]
+    env = environment({"TERM": "xterm", "COLUMNS": str(columns)})
+    with subprocess.Popen(
+        command, cwd=cwd, stdout=terminal if stdout is None else stdout, stderr=terminal, env=env
+    ) as running:
+        os.close(terminal)
+        shown = b""
+        try:
+            while chunk := os.read(main, 65536):
+                shown += chunk
+        except OSError:  # how Linux says that the other end is closed
+            pass
+        out = b"" if running.stdout is None else running.stdout.read()
+    os.close(main)
+    return running.returncode, shown, out
 
 
 def environment(extra: dict[str, str] | None = None) -> dict[str, str]:

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from commands import clean_picture, denoise, done, environment, failed, noisy_picture, process
+from commands import clean_picture, denoise, done, environment, failed, noisy_picture, on_terminal, process
 from users import needs_users, no_root
 
 import gpureg
 from gpureg import batch
 from gpureg.batch import expand, is_pattern, targets_in
-from gpureg.files import Settings, rehearse
 from gpureg.io import Picture, PictureError, read_picture, write_picture
+from gpureg.settings import Settings, rehearse
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_a_file_by_another_name_is_found_out(raw):
     Path("other").mkdir()
     for name in ("a.png", "b.png"):
         write_picture(Path("other", name), read_picture(raw / name))
-    for option in ("--reference", "--mask"):
+    for option in ("--reference", "--mask", "--guide"):
         words = ("other/a.png would overwrite other/a.png", "which is read")
         refused(2, "raw/*.png", "other", option, "other", words=words)
 
@@ -137,6 +137,11 @@ def test_a_file_by_another_name_is_found_out(raw):
         (("--spacing", "a"), "spacing must"),
         (("--axes", "Q"), "axes must"),
         (("--memory", "much"), "memory must"),
+        (("--lam", "shure"), "discrepancy, sure, j-invariance"),
+        (("--guide", "raw", "--p", 1), "--guide needs"),
+        (("--norm", "edge"), "--norm edge needs"),
+        (("--nearest", 5), "--nearest needs"),
+        (("--nearest", 0, "--p", 1), "must be >= 1, got 0"),
     ],
     ids=str,
 )
@@ -154,6 +159,10 @@ def test_rehearsal_refuses_no_right_option():
         Settings(radius=0.3, spacing=(0.2, 0.1, 0.1), axes="ZYX"),
         Settings(sigma=1e9, dtype="float64"),
         Settings(kind="constant"),
+        Settings(p=1, lam="sure", sigma=1e-3),
+        Settings(p=1.5, norm="edge", nearest=10**6),
+        Settings(centre="none", average_patches="plain"),
+        Settings(kind="bilateral", centre="largest", guide=Path("guide.png")),
     ):
         rehearse(settings)
 
@@ -272,29 +281,20 @@ def test_one_reference_for_all_and_a_missing_one(raw):
 def test_plans_of_many_carry_their_names(raw):
     out = done(denoise("raw/*", "out", "--explain")).splitlines()
     assert [line for line in out if line.startswith("raw")] == ["raw/a.png", "raw/b.png", "raw/c.tif"]
-    assert "weights" in out[1] and out[-1].startswith("done")
+    names = [out.index(f"raw/{name}") for name in ("a.png", "b.png", "c.tif")]
+    for name, end in zip(names, [*names[1:], len(out) - 1], strict=True):
+        pixels = read_picture(Path(out[name])).pixels
+        assert out[name + 1 : end] == gpureg.plan_denoising(pixels).explain().splitlines()
+    assert out[-1].startswith("done")
 
 
 def test_one_bar_over_the_files(raw):
     """On the error stream, gone at the end, and nothing of it in the report."""
     got = process("denoise", "raw/*", "out", "--backend", "numpy", "--progress", "--json", cwd=raw.parent)
     assert got.returncode == 0 and len(json.loads(got.stdout)["files"]) == 3
-    pty = pytest.importorskip("pty", reason="needs a POSIX terminal")
-    main, terminal = pty.openpty()
-    command = [sys.executable, "-m", "gpureg", "denoise", "raw/*", "out", "--backend", "numpy"]
-    with subprocess.Popen(
-        command, cwd=raw.parent, stdout=subprocess.PIPE, stderr=terminal, env=environment({"TERM": "xterm"})
-    ) as running:
-        os.close(terminal)
-        shown = b""
-        try:
-            while chunk := os.read(main, 65536):
-                shown += chunk
-        except OSError:  # how Linux says that the other end is closed
-            pass
-        out = running.stdout.read()
-    os.close(main)
-    assert running.returncode == 0 and out.startswith(b"done     3 of 3 files")
+    arguments = ("denoise", "raw/*", "out", "--backend", "numpy")
+    code, shown, out = on_terminal(*arguments, cwd=raw.parent, stdout=subprocess.PIPE)
+    assert code == 0 and out.startswith(b"done     3 of 3 files")
     assert b"files" in shown and b"3/3" in shown and b"iterations" not in shown
 
 

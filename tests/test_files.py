@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from commands import SIGMA, clean_picture, denoise, done, failed, noisy_picture, process, report
+from commands import SIGMA, clean_picture, denoise, done, failed, noisy_picture, on_terminal, process, report
 
 import gpureg
 from gpureg.io import Picture, read_picture, write_picture
@@ -116,6 +116,54 @@ def test_masks_that_do_not_fit(tmp_path, noisy):
         denoise(noisy, tmp_path / "black.png", "--mask", tmp_path / "black.png"), 2, "black.png would overwrite", "read"
     )
     assert (tmp_path / "black.png").read_bytes() == before
+
+
+# --- guides -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", ["grey", "rgb"])
+@pytest.mark.parametrize("weights", [(), ("--weights", "bilateral", "--sigma-value", 60)], ids=["rule", "bilateral"])
+def test_guide_is_that_of_the_door(tmp_path, noisy, weights, layout):
+    """A guide of the picture's channels or of others."""
+    guide = noisy_picture(layout)[0].pixels[:, ::-1]
+    write_picture(tmp_path / "guide.png", Picture(np.ascontiguousarray(guide)))
+    got = report(noisy, tmp_path / "o.png", *weights, "--guide", tmp_path / "guide.png")
+    assert got["guide"] == str(tmp_path / "guide.png")
+    how = {"weights": gpureg.weights.bilateral(3, 60)} if weights else {}
+    want = gpureg.denoise_image(read_picture(noisy).pixels, guide=guide, backend="numpy", **how)
+    np.testing.assert_array_equal(read_picture(tmp_path / "o.png").pixels, want)
+    assert (want != gpureg.denoise_image(read_picture(noisy).pixels, backend="numpy", **how)).any()
+    out = done(denoise(noisy, tmp_path / "o.png", *weights, "--guide", tmp_path / "guide.png"))
+    assert f"; guided by {tmp_path / 'guide.png'}\n" in out
+
+
+def test_guide_of_a_stack(tmp_path):
+    """Slice by slice, from a file whose channels lie elsewhere; by name out of a folder."""
+    rng = np.random.default_rng(0)
+    stack, guide = rng.normal(90, 9, (3, 20, 24)), rng.normal(90, 9, (3, 2, 20, 24))
+    stack, guide = stack.astype(np.float32), guide.astype(np.float32)
+    (tmp_path / "guides").mkdir()
+    tifffile.imwrite(tmp_path / "in.tif", stack, imagej=True, metadata={"axes": "TYX"})
+    tifffile.imwrite(tmp_path / "guides" / "in.tif", guide, imagej=True, metadata={"axes": "TCYX"})
+    options = ("--each", "T", "--sigma", 9, "--guide", tmp_path / "guides")
+    report(tmp_path / "in.tif", tmp_path / "o.tif", *options)
+    for t, page in enumerate(tifffile.imread(tmp_path / "o.tif")):
+        one = np.moveaxis(guide[t], 0, -1)
+        np.testing.assert_array_equal(page, gpureg.denoise_image(stack[t], sigma=9, guide=one, backend="numpy"))
+
+
+def test_guides_that_do_not_fit(tmp_path, noisy):
+    write_picture(tmp_path / "small.png", Picture(np.ones((9, 9), np.uint8)))
+    write_picture(tmp_path / "nan.tif", Picture(np.full((64, 64), np.nan, np.float32)))
+    for name, code, words in (
+        ("small.png", 1, ("the guide", "small.png has the shape (9, 9)", "noisy.png has (64, 64)")),
+        ("nowhere.png", 1, ("nowhere.png: no such file",)),
+        ("nan.tif", 2, ("guide must be finite",)),
+    ):
+        failed(denoise(noisy, tmp_path / "o.png", "--guide", tmp_path / name), code, *words)
+    result = denoise(noisy, tmp_path / "small.png", "--guide", tmp_path / "small.png")
+    failed(result, 2, "small.png would overwrite", "give another OUT")
+    assert not (tmp_path / "o.png").exists()
 
 
 # --- references -------------------------------------------------------------------------------------------------------
@@ -238,12 +286,16 @@ def test_explain_comes_first(tmp_path, noisy):
     explained = done(denoise(noisy, tmp_path / "o.png", "--explain")).splitlines()
     assert [line.split()[0] for line in explained[-3:]] == ["noise", "filter", "done"]
     assert explained[-3:-1] == plain[:2]
-    assert "nonlocal" in "\n".join(explained[:-3])
+    assert explained[:-3] == gpureg.plan_denoising(read_picture(noisy).pixels).explain().splitlines()
 
 
 def test_explain_in_json(tmp_path, noisy):
-    got = report(noisy, tmp_path / "o.png", "--explain")
-    assert got["explain"] and all(isinstance(line, str) for line in got["explain"])
+    """The plan is told on the error stream too, before the run and out of the way of the JSON."""
+    result = denoise(noisy, tmp_path / "o.png", "--explain", "--json")
+    done(result)
+    plan = gpureg.plan_denoising(read_picture(noisy).pixels).explain()
+    assert json.loads(result.stdout)["explain"] == plan.splitlines()
+    assert result.stderr == plan + "\n"
     assert "explain" not in report(noisy, tmp_path / "o.png")
 
 
@@ -254,6 +306,46 @@ def test_explain_of_slices(tmp_path):
     assert "slice 1 of 2 along T\n" in out and "slice 2 of 2 along T\n" in out
 
 
+@pytest.mark.parametrize(
+    ("options", "rows"),
+    [
+        (("--weights", "patch"), ("patch 5x5, flat default", "h {:.4g} rule: 0.6 sigma sqrt(samples)")),
+        (("--weights", "patch", "--h", 40, "--patch-radius", 1), ("patch 3x3, flat given", "h 40 given")),
+        (("--weights", "bilateral"), ("reach 3 in space, {:.4g} in value 3 of the finest pixels, 3 sigma",)),
+        (("--weights", "bilateral", "--sigma-space", 2, "--sigma-value", 9), ("reach 2 in space, 9 in value given",)),
+        (("--average-patches", "plain"), ("averaging 3x3 patches, plainly given",)),
+        (("--centre", "none"), ("lam 0 the centre is left out, as given",)),
+        (("--lam", 3), ("lam 3 given",)),
+    ],
+    ids=str,
+)
+def test_explain_tells_what_the_command_chose(tmp_path, noisy, options, rows):
+    """0.6 sigma sqrt(25) and 3 sigma are the same number."""
+    three_sigma = 3 * gpureg.estimate_noise(read_picture(noisy).pixels)
+    told = [
+        " ".join(line.split()) for line in done(denoise(noisy, tmp_path / "o.png", "--explain", *options)).split("\n")
+    ]
+    for row in rows:
+        assert row.format(three_sigma) in told
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_explain_on_a_terminal(tmp_path, noisy, columns):
+    """No line is wider than the terminal; what is broken goes on under its column, and no word is lost."""
+    options = ("--backend", "numpy", "--explain", "--no-progress")
+    code, shown, _ = on_terminal("denoise", "noisy.png", "o.png", *options, columns=columns, cwd=tmp_path)
+    assert code == 0
+    lines = shown.decode().splitlines()
+    wanted = gpureg.plan_denoising(read_picture(noisy).pixels).explain()
+    table = lines[: next(i for i, line in enumerate(lines) if line.startswith("noise    s"))]
+    assert max(map(len, lines)) < columns
+    assert " ".join(table).split() == wanted.split()
+    column = max(len(line) - len(line.split("  ")[-1]) for line in wanted.splitlines())
+    broken = [line for line in table if line.startswith(" ")]
+    assert all(line.startswith(" " * column) and line[column] != " " for line in broken)
+    assert bool(broken) == (columns == 80)
+
+
 def test_explain_and_quiet(tmp_path, noisy):
     failed(denoise(noisy, tmp_path / "o.png", "--explain", "--quiet"), 2, "--explain and --quiet")
     assert not (tmp_path / "o.png").exists()
@@ -262,7 +354,7 @@ def test_explain_and_quiet(tmp_path, noisy):
 def test_explain_is_told_before_the_run(tmp_path, noisy):
     """A device that is not there stops the run, not the plan."""
     result = denoise(noisy, tmp_path / "o.png", "--explain", "--backend", "opencl:99")
-    failed(result, 1, "nonlocal", "opencl")
+    failed(result, 1, "rule: nonlocal means", "opencl")
     assert result.output.index("nonlocal") < result.output.index("opencl:99")
 
 
@@ -270,5 +362,18 @@ def test_the_report_of_one_picture_has_no_new_keys(tmp_path, noisy):
     got = json.loads(done(denoise(noisy, tmp_path / "o.png", "--json")))
     assert list(got) == [
         *("input", "output", "width", "height", "channels", "dtype", "alpha", "sigma", "sigma_estimated", "filter"),
-        *("p", "lam", "radius", "metric", "iterations", "stop", "energy", "eps", "backend", "seconds", "version"),
+        *(
+            "p",
+            "lam",
+            "lam_reason",
+            "radius",
+            "metric",
+            "iterations",
+            "stop",
+            "energy",
+            "eps",
+            "backend",
+            "seconds",
+            "version",
+        ),
     ]

@@ -56,6 +56,7 @@ FLOORS: dict[str, float] = {
     "regions": 5,
     "plot": 5.5,
     "report": 5.5,
+    "settings": 5.55,
     "files": 5.6,
     "batch": 5.7,
     "cli": 6,

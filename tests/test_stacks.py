@@ -416,5 +416,5 @@ def test_pages_that_are_missing(tmp_path):
 
 def test_help_tells_of_stacks():
     out = done(call("denoise", "--help"))
-    for word in ("--axes", "--each", "--spacing", "--mask", "--reference", "--explain", "raw/*.tif"):
+    for word in ("--axes", "--each", "--spacing", "--mask", "--guide", "--reference", "--explain", "raw/*.tif"):
         assert word in out
