@@ -15,13 +15,16 @@ from . import backends
 from .graph import Metric
 from .memory import budget
 from .pixels import as_image, checked, pixels_of
-from .plan import DenoisePlan, solve
+from .plan import DenoisePlan, solve, without_averaging
 from .planning import plan_denoising
 from .result import Interrupted, Result, Stop
 from .solvers import Solver
 from .solvers.loop import Callback
 from .tuning.fidelity import LamMethod
 from .weights import Weights
+
+# What of the model a search for lam does not know, as it is by default.
+_USUAL: dict[str, Any] = {"gamma": "sqrt", "coupled": True, "update_weights": None}
 
 
 def denoise_image(
@@ -128,6 +131,12 @@ def denoise_image(
     >>> bool(np.std(denoised - clean) < 0.3 * np.std(noisy - clean))
     True
     """
+    model = {"gamma": gamma, "norm": norm, "coupled": coupled, "update_weights": update_weights}
+    if isinstance(lam, str) and any(model[name] != usual for name, usual in _USUAL.items()):
+        raise ValueError(
+            f"the search lam={lam!r} looks at the model with {', '.join(_USUAL)} as they are by default: "
+            "give lam a number"
+        )
     plan = plan_denoising(
         image,
         sigma=sigma,
@@ -136,7 +145,9 @@ def denoise_image(
         radius=radius,
         metric=metric,
         weights=weights,
+        guide=guide,
         nearest=nearest,
+        norm=norm,
         solver=solver,
         max_iter=max_iter,
         tol=tol,
@@ -148,7 +159,7 @@ def denoise_image(
         dtype=dtype,
         memory=memory,
     )
-    model = {"gamma": gamma, "norm": norm, "coupled": coupled, "update_weights": update_weights}
+    plan = without_averaging(plan, solver=solver, callback=callback, model=model)
     return run_plan(
         plan,
         image,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .graph import GridGraph, all_finite, unmasked
-from .weights import Smoothed, Weights, guided
+from .weights import Patch, Smoothed, Weights, guided, patch_weights
 
 # Pixels that are filtered at a time.
 _BAND = 1 << 22
@@ -80,6 +80,12 @@ def filled(f0: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> npt.NDArray[A
     nearest = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
     spread: npt.NDArray[Any] = f0[tuple(nearest)]
     return spread
+
+
+def for_a_guide(weights: Weights | npt.ArrayLike) -> Weights | npt.ArrayLike:
+    """The rule's weights for a guide, of whose noise nothing is known: none is taken off, and nothing is blurred."""
+    found = patch_weights(weights)
+    return replace(found[0], sigma=0.0) if found is not None and isinstance(found[0], Patch) else weights
 
 
 def guided_by(

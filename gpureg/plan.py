@@ -184,15 +184,30 @@ def solve(
     common: dict[str, Any] = {"lam": plan.lam, "eps": eps, "weights": weights, **settings}
     process: dict[str, Any] = {"p": plan.p, "solver": solver, "max_iter": plan.max_iter, "tol": plan.tol}
     process |= {"callback": callback, **(model or {})}
+    once = callback is None and _is_plain(model or {}) and _is_one_sweep(plan, solver)
+    if (plan.average_patches or plan.centre == "largest") and (plan.nearest is not None or not once):
+        what = "patches are averaged" if plan.average_patches else "a centre as heavy as the largest weight counts"
+        raise ValueError(
+            f"{what} in one plain sweep at p = 2 on a grid alone, without a callback, tol, another norm, gamma or "
+            "solver; dataclasses.replace(plan, average_patches=False, centre='once') leaves it out"
+        )
     if plan.nearest is not None:
         nodes = as_function(grid, f0, "image")
         backend, dtype = settings.get("backend", "auto"), settings.get("dtype", np.float32)
         graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=dtype)
         result = regularize(nodes, graph, **common, **process)
         return replace(result, value=result.value.reshape(f0.shape))
-    if callback is None and _is_plain(model or {}) and _is_one_sweep(plan, solver):
+    if once:
         return one_sweep(f0, grid, step=_one_step(plan), **common)
     return regularize(f0, grid, **common, **process)
+
+
+def without_averaging(
+    plan: DenoisePlan, *, solver: str | Solver, callback: Callback | None, model: Mapping[str, Any]
+) -> DenoisePlan:
+    """The plan, its averaging of patches left out where what else is asked for does not go with it."""
+    fits = callback is None and _is_plain(model) and _is_one_sweep(plan, solver)
+    return plan if fits or not plan.average_patches else replace(plan, average_patches=False)
 
 
 def _one_step(plan: DenoisePlan) -> OneStep:
@@ -216,6 +231,7 @@ def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
     method = resolve(solver)
     whole = isinstance(method, Jacobi) and method.damping in (None, 1)
     # where data are missing the default may be damped
-    data = isinstance(method, Jacobi) and (method.damping == 1 or bool(np.min(plan.lam) > 0))
+    filters = bool(plan.average_patches) or plan.centre == "largest"
+    data = isinstance(method, Jacobi) and (method.damping == 1 or filters or bool(np.min(plan.lam) > 0))
     once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
     return once and whole and data and patch_weights(plan.weights) is not None

@@ -193,7 +193,9 @@ def plan_of(
         radius=settings.radius,
         metric=settings.metric,
         weights=function,
+        guide=None if settings.guide is None else part,  # that there is one is what matters here
         nearest=settings.nearest,
+        norm=settings.norm,
         max_iter=settings.max_iter,
         tol=settings.tol,
         eps=settings.eps,

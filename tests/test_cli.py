@@ -748,11 +748,15 @@ def test_from_a_shell(noisy):
 @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 @pytest.mark.parametrize(
     "options",
-    [("--p", "1", "--max-iter", "1000000", "--tol", "0"), ("--radius", "40", "--weights", "patch")],
-    ids=["iterations", "weights"],
+    [
+        ("--p", "1", "--max-iter", "1000000", "--tol", "0"),
+        ("--radius", "40", "--weights", "patch"),
+        ("--p", "1", "--lam", "sure"),
+    ],
+    ids=["iterations", "weights", "search"],
 )
 def test_interrupt_while_working(tmp_path, options):
-    """Ctrl-C in the loop, and in the making of weights: code 130, a word, the old output, nothing half done."""
+    """Ctrl-C in the loop, in the making of weights, in a search: code 130, a word, the old output, no half."""
     rng = np.random.default_rng(0)
     pixels = np.clip(rng.normal(128, 20, (1500, 1500)), 0, 255).astype(np.uint8)
     write_picture(tmp_path / "in.png", Picture(pixels))

@@ -12,6 +12,8 @@ from test_filters import functions, picture
 import gpureg as gr
 from gpureg import nearest as door
 
+pytestmark = pytest.mark.one_driver
+
 
 def chosen(image, k, *, radius, patch_radius, metric="chebyshev", a=None, mask=None, spacing=None, channel_axis=None):
     """The k nearest of every pixel, as directed edges between row-major numbers; noise leaves no ties."""
