@@ -59,7 +59,8 @@ def denoise_nl_means(
         Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells, 2 in a volume.
     h : float or array, optional
         Filtering parameter > 0, or one per pixel (then h(u) h(v) stands for h^2): in the image's units times the square
-        root of the sum of g and of the number of channels. None takes 0.6 of the noise times that root.
+        root of the sum of g and of the number of channels. None takes 0.6 of the noise times that root; where
+        `sigma` is 0, the noise is estimated, and its share taken off the distances as if it had been given.
     a : float, optional
         Standard deviation, in pixels, of a Gaussian patch g_a that sums to 1. None: the flat patch, g = 1.
     sigma : float or array, default 0
@@ -142,7 +143,9 @@ def denoise_nl_means(
     patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a, cut=cut)
     if h is None:
         noise = float(np.sqrt(np.mean(np.square(sigmas))))
-        noise = noise or estimate_noise(array, channel_axis=channel_axis, mask=mask)
+        if noise == 0:
+            noise = estimate_noise(array, channel_axis=channel_axis, mask=mask)
+            sigmas = noise
         channels = array.size // max(1, math.prod(shape))
         samples = (2 * patch_radius + 1) ** len(shape) if a is None else 1
         h = 0.6 * noise * math.sqrt(samples * channels)
