@@ -132,12 +132,8 @@ def denoise_nl_means(
     averaged = patch_radius if average_radius is None else average_radius
     patch(averaged, 1.0)  # a radius as a patch's is
     if radius is None:
-        finest = (
-            (min(spacing), max(spacing))
-            if spacing is not None and np.ndim(spacing) == 1 and len(spacing)
-            else (1.0, 1.0)
-        )
-        radius = max((7 if len(shape) == 2 else 2) * finest[0], finest[1])
+        finest, coarsest = _cell_sizes(spacing)
+        radius = max((7 if len(shape) == 2 else 2) * finest, coarsest)
     # The weight function's own checks come first; a map is checked on its own shape.
     sigmas = _map("sigma", sigma, shape)
     patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a, cut=cut)
@@ -241,8 +237,8 @@ def denoise_bilateral(
         raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
     bilateral(sigma_space, 1.0)
     if radius is None:
-        smallest = max(spacing) if spacing is not None and np.ndim(spacing) == 1 and len(spacing) else 1.0
-        radius = max(2 * sigma_space, smallest) if math.isfinite(sigma_space) else 7.0
+        finest, coarsest = _cell_sizes(spacing)
+        radius = max(2 * sigma_space if math.isfinite(sigma_space) else 7 * finest, coarsest)
     if sigma_value is None:
         channels = array.size // max(1, math.prod(shape))
         sigma_value = 3 * estimate_noise(array, channel_axis=channel_axis, mask=mask) * math.sqrt(channels)
@@ -332,6 +328,13 @@ def _cells(array: npt.NDArray[Any], channel_axis: int | None) -> tuple[int, ...]
     """The shape of the pixels' grid."""
     shape = array.shape
     return shape if channel_axis is None else tuple(np.delete(shape, channel_axis).tolist())
+
+
+def _cell_sizes(spacing: Sequence[float] | None) -> tuple[float, float]:
+    """The smallest and the largest side of a cell; of a spacing that is none the grid will tell."""
+    if spacing is None or np.ndim(spacing) != 1 or not len(spacing):
+        return 1.0, 1.0
+    return float(min(spacing)), float(max(spacing))
 
 
 def _map(name: str, value: float | npt.ArrayLike, shape: tuple[int, ...]) -> Any:

@@ -129,7 +129,8 @@ def test_half_weights_are_averaged_too(device):
 
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(("channels", "radius"), [(1, 1), (3, 1), (1, 2)])
-def test_averaged_weights_are_averaged_patches(device, channels, radius, masked):
+@pytest.mark.parametrize("gpu", [False, True])
+def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, radius, masked, gpu):
     """The step whose weights are sums over patches: what `aggregate` gives with shares of 1, divided by its own sum.
 
     Some 120 x 25 positive terms a sum, on values of size 1, in another order: 2 x 3000 roundings at the very most, and
@@ -138,6 +139,8 @@ def test_averaged_weights_are_averaged_patches(device, channels, radius, masked)
     backend = backends.get(device)
     if not backend.averages:
         pytest.skip("sums of weights that are not stored are OpenCL's")
+    if gpu:
+        backend = as_gpu(device, "float32", monkeypatch)
     mask = cases.rng(5).random((37, 53)) < 0.85 if masked else None
     grid = GridGraph((37, 53), 5, "euclidean", mask=mask)
     f, form = cases.function(grid, channels), PatchCase("", radius=2, scale=2.0, spatial=True).form(grid)
