@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -326,12 +327,7 @@ def one_sweep(
         per_vertex=averages or not isinstance(problem.lam, float),
         stored=stored,
     )
-    # Smaller tiles cost nothing here, where a halo is one window wide, and leave the host its memory.
-    small = Budget(min(allowed.total, _STEP_BYTES), min(allowed.largest, _STEP_BYTES), allowed.asked)
-    whole = (slice(0, s) for s in graph.shape)
-    tiles = Tiling(1, (Tile(*[tuple(whole)] * 2),))
-    if not small.holds(job.need(graph, device)):
-        tiles = tiling(graph, job, device, small, lambda n: step.halo(problem), work_of(problem, stored=stored), 1)
+    tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=stored))
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
         value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
     return Result(
@@ -349,6 +345,32 @@ def one_sweep(
         backend=repr(device),
         seconds=time.perf_counter() - begin,
     )
+
+
+def _tiles_of_a_step(
+    graph: GridGraph,
+    job: Job,
+    device: Backend,
+    allowed: Budget,
+    halo: tuple[int, ...],
+    work: Callable[[int], float],
+) -> Tiling:
+    """Small tiles, which cost nothing where a halo is one window wide, and leave the host its memory.
+
+    A window that is wide beside the grid may not fit such: then what is allowed is taken.
+    """
+    need = job.need(graph, device)
+    for limit in sorted({min(allowed.total, _STEP_BYTES), allowed.total}):
+        within = Budget(limit, min(allowed.largest, limit), allowed.asked)
+        if within.holds(need):
+            whole = tuple(slice(0, s) for s in graph.shape)
+            return Tiling(1, (Tile(whole, whole),))
+        try:
+            return tiling(graph, job, device, within, lambda n: halo, work, 1)
+        except MemoryError:
+            if limit == allowed.total:
+                raise
+    raise AssertionError("the last limit is what is allowed")
 
 
 def _as_given(value: FloatArray, f0: npt.ArrayLike, graph: Graph | GridGraph) -> npt.NDArray[Any]:

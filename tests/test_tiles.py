@@ -251,3 +251,14 @@ def test_an_interruption_leaves_the_last_whole_iterate(monkeypatch: pytest.Monke
     assert result.stop is gr.Stop.INTERRUPTED
     known = gr.regularize(f0, grid, max_iter=result.iterations, **{**settings, "tol": None})
     assert np.array_equal(result.value, known.value)
+
+
+def test_a_window_as_wide_as_the_grid_takes_what_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small tiles with their halos are the whole: then the step takes more than it usually would."""
+    image = picture(1, (7, 6, 5))[..., 0]
+    call = {"sigma_value": 0.3, "radius": 6, "border": "nearest", "backend": "numpy"}
+    whole = gr.denoise_bilateral(image, **call)
+    monkeypatch.setattr(regularization, "_STEP_BYTES", 1 << 20)
+    assert np.array_equal(gr.denoise_bilateral(image, **call), whole)
+    with pytest.raises(MemoryError, match="even a tile of one row"):
+        gr.denoise_bilateral(image, memory=1 << 20, **call)
