@@ -70,8 +70,8 @@ def denoise_image(
         Fidelity >= 0, a number or one value per pixel: larger stays closer to the image. "discrepancy", "sure" or
         "j-invariance" search for it (:mod:`gpureg.tuning`), in some 15 runs; None takes a rule.
     radius : float, optional
-        Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells (2 in a volume), or the
-        nearest neighbours for constant weights.
+        Reach of the window, in the units of `spacing`; None takes 10 of the smallest cells, 7 where weights are given,
+        2 in a volume, or the nearest neighbours for constant weights.
     metric : {"chebyshev", "euclidean", "cityblock"}, optional
         Shape of the window: square, disk or diamond.
     weights : Weights or array, optional

@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from .backends import Array, Backend, Weighted
+from .backends import Array, Backend, Weighted, over_patches
 from .graph import FloatArray, GridGraph, all_finite
 from .memory import Budget, Job, Need, readable
 from .problem import DeviceProblem, Problem
@@ -457,10 +456,8 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
 
 def _per_patch(grid: GridGraph, lam: float | FloatArray, radius: int) -> FloatArray:
     """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
-    count: npt.NDArray[np.float64] = (np.ones(grid.shape) if grid.mask is None else grid.mask).astype(np.float64)
-    for axis, size in enumerate(grid.shape):
-        around = np.pad(count, [(radius, radius) if a == axis else (0, 0) for a in range(grid.ndim)])
-        count = np.stack([around.take(range(j, j + size), axis) for j in range(2 * radius + 1)]).sum(axis=0)
+    inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
+    count = over_patches(inside, radius)
     every = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1), (grid.n_vertices,))
     finite = np.where(np.isinf(every), 0, every) * count.ravel()
     counted: FloatArray = np.where(np.isinf(every), every, finite)[:, None]

@@ -48,6 +48,17 @@ def test_tiles_have_the_bits_of_the_whole(device):
         assert_array_equal(gr.denoise_image(image, memory=allowed, **call), whole)
 
 
+def test_a_stored_graph_of_pixels_knows_its_grid(device):
+    """The graph of the nearest patches, and the grid itself as a stored graph."""
+    image = picture(14, 15)
+    weights = gr.weights.smoothed(gr.weights.patch(1, 0.5), 0.7)
+    grid = gr.GridGraph(image.shape, 2)
+    settings = {"weights": weights, "p": 1, "lam": 5.0, "max_iter": 2, "backend": device}
+    stored = gr.regularize(image.ravel(), grid.to_graph(), **settings).value
+    assert_allclose(stored.reshape(image.shape), gr.regularize(image, grid, **settings).value, rtol=0, atol=1e-5)
+    assert np.std(gr.denoise_image(image, nearest=5, radius=3, **settings)) < np.std(image)
+
+
 def test_opponent_colours():
     """Brightness, and two colours at 0.45: distances in these are those of the weights."""
     image = rng(3).random((11, 12, 3))
@@ -93,7 +104,7 @@ def test_what_the_blur_leaves_of_noise():
         (TypeError, "opponent must be", lambda: gr.weights.smoothed(gr.weights.patch(1, 1.0), 1, opponent=2)),
         (
             ValueError,
-            "smoothed weights need data on a GridGraph",
+            "smoothed weights need vertices on a grid",
             lambda: gr.regularize(
                 np.ones(3),
                 gr.Graph.from_edges([[0, 1]], n_vertices=3),

@@ -15,7 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .base import Array, Backend, BackendUnavailable, Conductance, Device, EdgeNorm, PatchForm, Storage, Weighted
+from .base import (
+    Array,
+    Backend,
+    BackendUnavailable,
+    Conductance,
+    Device,
+    EdgeNorm,
+    PatchForm,
+    Storage,
+    Weighted,
+    over_patches,
+)
 
 __all__ = [
     "Array",
@@ -32,6 +43,7 @@ __all__ = [
     "devices",
     "get",
     "names",
+    "over_patches",
     "why_auto",
 ]
 

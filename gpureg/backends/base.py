@@ -202,6 +202,17 @@ def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[
     return jumps
 
 
+def over_patches(x: FloatArray, radius: int) -> FloatArray:
+    """Sums of an array over the square patches around its cells, as far as these lie inside."""
+    for axis, size in enumerate(x.shape):
+        around = np.pad(x, [(radius, radius) if a == axis else (0, 0) for a in range(x.ndim)])
+        total = np.zeros_like(x)
+        for j in range(2 * radius + 1):
+            total += around.take(range(j, j + size), axis)
+        x = total
+    return x
+
+
 def patch_lines(grid: GridGraph, radius: int) -> npt.NDArray[np.int32]:
     """The rows of a square patch as steps along the grid's leading axes, and in rows, (n_lines, ndim)."""
     ndim, strides = grid.ndim - 1, [math.prod(grid.shape[d + 1 : -1]) for d in range(grid.ndim - 1)]

@@ -30,6 +30,7 @@ from .base import (
     expect_storage,
     expect_stored,
     host_weights,
+    over_patches,
     padded_for_patches,
     padded_shape,
     patch_jumps,
@@ -323,21 +324,15 @@ class NumpyBackend(Backend):
     ) -> Array:
         grid = expect_stored(weighted)
 
-        def over_patches(x: FloatArray) -> FloatArray:
-            for axis, size in enumerate(grid.shape):
-                around = np.pad(x, [(radius, radius) if a == axis else (0, 0) for a in range(grid.ndim)])
-                x = sum((around.take(range(j, j + size), axis) for j in range(2 * radius + 1)), np.zeros((), x.dtype))
-            return x
-
         values, shares = f.reshape(*grid.shape, -1), share.reshape(grid.shape)
-        total = over_patches(centre.reshape(grid.shape))[..., None] * values
+        total = over_patches(centre.reshape(grid.shape), radius)[..., None] * values
         for h, step in enumerate(grid.forward_offsets):
             start, end = grid.ends(step)
             w = self.real(1) if weighted.weights is None else weighted.weights[h][start]
             for here, there in ((start, end), (end, start)):
                 given = np.zeros(grid.shape, self.dtype)
                 given[here] = w * shares[here]
-                total[here] += over_patches(given)[here][..., None] * values[there]
+                total[here] += over_patches(given, radius)[here][..., None] * values[there]
         return self._into(out, total.reshape(f.shape))
 
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:

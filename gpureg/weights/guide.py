@@ -81,13 +81,14 @@ class Smoothed(Compared):
         """The data in opponent colours or their own, smoothed along every axis of the grid."""
         from scipy import ndimage
 
-        if not isinstance(graph, GridGraph):
-            raise ValueError("smoothed weights need data on a GridGraph")
+        grid = graph if isinstance(graph, GridGraph) else graph.grid
+        if grid is None:
+            raise ValueError("smoothed weights need vertices on a grid; this graph has none")
         f = _in_opponent_colours(f0) if self.opponent else f0
         if self.std == 0:
             return f
-        cells = f.reshape(*graph.shape, f.shape[1])
-        stds = blur_stds(self.std, graph.spacing, graph.ndim)
+        cells = f.reshape(*grid.shape, f.shape[1])
+        stds = blur_stds(self.std, grid.spacing, grid.ndim)
 
         # under a mask too: patches see what stands there, and so does the blur
         channels = [
@@ -180,8 +181,8 @@ def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights
     Raises
     ------
     TypeError, ValueError
-        No weight function, or a std that is not >= 0; at use, a stored graph, or opponent colours of other than three
-        channels.
+        No weight function, or a std that is not >= 0; at use, vertices that are on no grid, or opponent
+        colours of other than three channels.
 
     Notes
     -----
