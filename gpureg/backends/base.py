@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import weakref
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, Graph, GridGraph, IntArray
+from .optimize import Optimization
 
 Array = Any
 """A function on the vertices, on a device: opaque to all but the backend that made it."""
@@ -251,7 +252,7 @@ class Kept:
         return made
 
 
-class Backend(ABC):
+class Backend(Optimization):
     """One device computing in one floating-point type.
 
     Parameters
@@ -537,7 +538,7 @@ class Backend(ABC):
         finite = np.where(np.isinf(fidelity), 0, fidelity) * self.get(graph, units)
         return self.put(graph, np.where(np.isinf(fidelity), fidelity, finite))
 
-    def finish(self) -> None:  # noqa: B027
+    def finish(self) -> None:
         """Wait until all that was asked for is done."""
 
 

@@ -1,0 +1,191 @@
+"""The oracle of the certified solvers' primitives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..graph import FloatArray, GridGraph
+from .base import AnyGraph, Array, Conductance, Weighted
+from .numpy_graph import NumpyGraph, raised
+
+# Newton steps at most; they stop by themselves once nothing moves.
+_STEPS = 60
+
+
+def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
+    """The t >= 0 with sigma t + share phi'(t) = r, for r >= 0 and sigma > 0, or sigma = 0 and p > 1 or eps > 0.
+
+    Newton's method from a side from which it goes straight there: phi' is concave for p < 2, so it starts below, and
+    convex for p > 2, so it starts above.
+    """
+    if p == 2:
+        return r / (sigma + share)
+    if p == 1 and eps == 0:
+        excess: FloatArray = np.maximum(r - share, 0) / sigma
+        return excess
+    if p == 1 and sigma == 0:
+        s = np.minimum(r / share, 1)
+        below = np.sqrt(np.maximum(1 - s**2, np.finfo(r.dtype).tiny))
+        tangent: FloatArray = r.dtype.type(eps) * s / below
+        return tangent
+    whole = r / share
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
+        if p < 2:
+            # of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
+            least = whole / 2 if sigma > 0 else whole
+            t: FloatArray = least * r.dtype.type(eps) ** (2 - p)
+            if p > 1:
+                t = np.maximum(t, least ** (1 / (p - 1)))
+            if sigma > 0:
+                t = np.minimum(t, r / (2 * sigma))
+            if p == 1:
+                t = np.maximum(t, (r - share) / sigma)
+        else:
+            # neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
+            t = whole ** (1 / (p - 1))
+            if eps > 0:
+                t = np.minimum(t, whole * r.dtype.type(eps) ** (2 - p))
+            if sigma > 0:
+                t = np.minimum(t, r / sigma)
+        t = np.where(r > 0, np.maximum(t, np.finfo(r.dtype).tiny), 0)
+        for _ in range(_STEPS):
+            square = t**2 + r.dtype.type(eps) ** 2
+            g = np.where(square > 0, raised(np.where(square > 0, square, 1), (p - 2) / 2), 0)
+            ratio = np.where(square > 0, t**2 / np.where(square > 0, square, 1), 1)
+            value = sigma * t + share * g * t - r
+            rise = sigma + share * g * (1 + (p - 2) * ratio)
+            step = np.where(rise > 0, value / np.where(rise > 0, rise, 1), 0)
+            moved = np.maximum(t - step, 0)
+            if not (np.abs(moved - t) > 2 * np.finfo(r.dtype).eps * np.abs(t)).any():
+                break
+            t = moved
+    found: FloatArray = t
+    return found
+
+
+def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
+    """(share phi)*(s), s >= 0; for p = 1, where s <= share, a larger s counts as that."""
+    found: FloatArray
+    if p == 1:
+        inside = np.minimum(s / share, 1)
+        found = -share * s.dtype.type(eps) * np.sqrt(np.maximum(1 - inside**2, 0))
+    elif p == 2 or eps == 0:
+        q = p / (p - 1)
+        found = share * (raised(s / share, q) / q - s.dtype.type(eps) ** 2 / 2)
+    else:
+        t = length(s, 0.0, share, p, eps)
+        found = s * t - share * raised(t**2 + s.dtype.type(eps) ** 2, p / 2) / p
+    return found
+
+
+class NumpyOptimization(NumpyGraph):
+    """The primitives of the certified solvers in numpy."""
+
+    def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
+        products = a.astype(np.float64) * b
+        return float((products / np.asarray(over, np.float64)).sum())
+
+    def combine(
+        self,
+        weighted: Weighted,
+        a: float,
+        x: Array,
+        b: float,
+        y: Array,
+        *,
+        over: float | Array = 1.0,
+        out: Array | None = None,
+    ) -> Array:
+        return self._into(out, self.real(a) * x + self.real(b) * (y / np.asarray(over, self.dtype)))
+
+    def gradient(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array | None,
+        g: Conductance,
+        lam: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        lam = self._column(lam, len(f))
+        pinned = np.isinf(lam)
+        pull = np.where(pinned, 0, lam) * (f if f0 is None else f - f0)
+        return self._into(out, np.where(pinned, 0, pull - self._flow(weighted, f, g)))
+
+    def _around(self, graph: AnyGraph, H: FloatArray) -> FloatArray:
+        """Sums of a function on the edges over those that start at a vertex, (n, channels)."""
+        if isinstance(graph, GridGraph):
+            total: FloatArray = H.sum(axis=0).reshape(graph.n_vertices, -1)
+            return total
+        sums = np.zeros((graph.n_vertices, H.shape[1]), H.dtype)
+        np.add.at(sums, graph.edge_rows(), H)
+        return sums
+
+    def _at_edges(self, graph: AnyGraph, x: FloatArray) -> FloatArray:
+        """A function on the vertices as one of the edges that start there."""
+        return x.reshape(*graph.shape, -1) if isinstance(graph, GridGraph) else x[graph.edge_rows()]
+
+    def dual_step(
+        self,
+        weighted: Weighted,
+        y: Array,
+        previous: Array,
+        f: Array,
+        f_previous: Array,
+        *,
+        beta: float,
+        sigma: float,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
+    ) -> Array:
+        graph, beta = weighted.graph, self.real(beta)
+        moved = f + beta * (f - f_previous)
+        z = y + beta * (y - previous) + self.real(sigma) * self.difference(weighted, moved)
+        square = (z**2).sum(axis=-1, keepdims=True) if coupled else z**2
+        r = np.sqrt(square if edge_norm else self._around(graph, square))
+        share = 0.5 if edge_norm else 1.0
+        s = r - self.real(sigma) * length(r, sigma, share, p, eps)
+        if p == 1:
+            # inside the unit ball in spite of the roundings of a norm: the certificate needs that
+            s = np.minimum(s, share * (1 - 32 * np.finfo(self.dtype).eps))
+        factor = np.where(r > 0, s / np.where(r > 0, r, 1), 0).astype(self.dtype)
+        return self._into(previous, z * (factor if edge_norm else self._at_edges(graph, factor)))
+
+    def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
+        return self._into(out, f0 - self.adjoint(weighted, y) / self._column(lam, len(f0)))
+
+    def duality_gap(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
+    ) -> float:
+        graph, share = weighted.graph, 0.5 if edge_norm else 1.0
+        d = self.difference(weighted, f)
+
+        def norms(H: FloatArray) -> Any:
+            square = (H**2).sum(axis=-1, keepdims=True) if coupled else H**2
+            return square if edge_norm else self._around(graph, square)
+
+        products = (d * y).sum(axis=-1, keepdims=True) if coupled else d * y
+        if not edge_norm:
+            products = self._around(graph, products)
+        primal = share * raised(norms(d) + self.real(eps) ** 2, p / 2) / p
+        duality = primal + conjugate(np.sqrt(norms(y)), share, p, eps) - products
+        lam = self._column(lam, len(f))
+        pinned = np.isinf(lam)
+        residual = np.where(pinned, 0, lam) * (f - f0) + self.adjoint(weighted, y)
+        unmet = np.where(pinned, 0, residual.astype(np.float64) ** 2 / (2 * np.where(pinned, 1, lam)))
+        return float(duality.astype(np.float64).sum() + unmet.sum())

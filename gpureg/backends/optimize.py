@@ -1,0 +1,101 @@
+"""The protocol of the certified solvers: duality, vectors, residuals.
+
+y, the dual variable, is a function on the directed edges: minimising the energy over f is maximising over y
+
+    - sum_u phi*(|y(u, .)|) - 1/2 sum_u |d*y(u)|^2 / lam(u) + sum_u d*y(u) f0(u),    phi(t) = (t^2 + eps^2)^(p/2) / p
+
+with d* the adjoint of the difference and phi* the conjugate of phi; with the edge norm the first sum is that of
+(phi/2)*(|y(u, v)|) over the edges. The minimiser is f = f0 - d*y / lam at the best y. The equations are in
+``kernels/README.md``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .base import Array, Conductance, Weighted
+
+
+class Optimization(ABC):
+    """What a certified or accelerated solver asks of a device besides the paper's primitives."""
+
+    @abstractmethod
+    def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
+        """Sum over vertices and channels of a b / over; where `over`, a number or a function, is infinite: 0.
+
+        `over` has 1 channel or those of a and b. The sum is taken in float64, or compensated.
+        """
+
+    @abstractmethod
+    def combine(
+        self,
+        weighted: Weighted,
+        a: float,
+        x: Array,
+        b: float,
+        y: Array,
+        *,
+        over: float | Array = 1.0,
+        out: Array | None = None,
+    ) -> Array:
+        """A x + b y / over, without the second term where `over` is infinite; `out` may be x or y."""
+
+    @abstractmethod
+    def gradient(
+        self,
+        weighted: Weighted,
+        f: Array,
+        f0: Array | None,
+        g: Conductance,
+        lam: float | Array,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        """The energy's gradient lam (f - f0) + p-Laplacian of f, given the conductances; 0 where lam is infinite.
+
+        None in the place of f0 stands for 0: then this is the matrix of eq. 25, applied to f.
+        """
+
+    @abstractmethod
+    def dual_step(
+        self,
+        weighted: Weighted,
+        y: Array,
+        previous: Array,
+        f: Array,
+        f_previous: Array,
+        *,
+        beta: float,
+        sigma: float,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
+    ) -> Array:
+        """A proximal step of the dual variable from y + beta (y - previous), which overwrites `previous`.
+
+        With f* = f + beta (f - f_previous) and z = y + beta (y - previous) + sigma d_w f*: what minimises
+        |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|) over x.
+        """
+
+    @abstractmethod
+    def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
+        """F0 - d*y / lam, the function that belongs to a dual variable; f0 where lam is infinite."""
+
+    @abstractmethod
+    def duality_gap(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        *,
+        p: float,
+        eps: float,
+        coupled: bool,
+        edge_norm: bool = False,
+    ) -> float:
+        """Energy of f minus dual energy of y, p >= 1, as a sum of terms that are none below 0."""
