@@ -18,12 +18,13 @@ from .planning import plan_denoising
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
-from .solvers import Check, Euler, Jacobi
+from .solvers import Certified, Check, Euler, Jacobi
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BackendUnavailable",
+    "Certified",
     "Check",
     "DenoisePlan",
     "Euler",

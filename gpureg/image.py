@@ -214,6 +214,7 @@ def run_plan(
             energy=np.empty(0),
             checks=none,
             gap=None,
+            error_bound=None,
             eps=0.0,
             method="Nothing was to be done.",
             backend=name,

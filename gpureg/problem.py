@@ -144,8 +144,12 @@ class Problem:
         coupled: bool,
         eps: float | None,
         dtype: np.dtype[Any],
+        smoothed: bool = True,
     ) -> Problem:
-        """Check the caller's arguments; ValueError or TypeError says what is wrong."""
+        """Check the caller's arguments; ValueError or TypeError says what is wrong.
+
+        Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
+        """
         if not isinstance(graph, Graph | GridGraph):
             raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
         data = as_function(graph, f0, "f0")
@@ -180,7 +184,7 @@ class Problem:
             edge_factor,
             norm,
             bool(coupled),
-            _check_eps(eps, p, _inside(graph, data), dtype),
+            _check_eps(eps, p, _inside(graph, data), dtype, smoothed),
         )
 
     @property
@@ -207,14 +211,14 @@ def default_eps(f0: FloatArray, p: float) -> float:
     return RELATIVE_EPS * (spread or (abs(float(f0.flat[0])) if f0.size else 0.0) or 1.0)
 
 
-def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]) -> float:
+def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any], smoothed: bool) -> float:
     if eps is None:
-        eps = default_eps(f0, p)
+        eps = default_eps(f0, p) if smoothed else 0.0
     if isinstance(eps, bool) or not isinstance(eps, int | float | np.integer | np.floating):
         raise TypeError(f"eps must be a number, got {type(eps).__name__}")
     if not (math.isfinite(eps) and eps >= 0):
         raise ValueError(f"eps must be finite and >= 0, got {eps}")
-    if p < 2:
+    if p < 2 and (smoothed or eps > 0):
         limits = np.finfo(dtype)
         # (g2 + eps^2)^((p - 2)/2) must stay finite where the data is flat, and so must sums of a few thousand of them.
         if eps == 0 or eps**2 < limits.tiny or (p - 2) * math.log(eps) > math.log(float(limits.max)) - 12:

@@ -37,7 +37,7 @@ def regularize(
     coupled: bool = True,
     eps: float | None = None,
     solver: str | Solver = "jacobi",
-    max_iter: int = 100,
+    max_iter: int | None = None,
     tol: float | None = None,
     update_weights: int | None = None,
     initial: npt.ArrayLike | None = None,
@@ -74,16 +74,18 @@ def regularize(
     coupled : bool, default True
         One gradient norm for all m channels (section 5.1), or each channel alone.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 for
-        p = 2, which does not need it.
+        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 where
+        it is not needed: for p = 2, and with the certified solver.
     solver : str or Solver, default "jacobi"
-        "jacobi" (eq. 25, 31), "euler" (eq. 24), or a solver object such as ``gpureg.Jacobi(damping=0.5)`` or
-        ``gpureg.Euler(step=0.1)``.
-    max_iter : int, default 100
-        Iterations at most.
+        "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with a bound on
+        how far the result is from it), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or
+        :class:`gpureg.Certified`, which holds settings.
+    max_iter : int, optional
+        Iterations at most. None: 100 with "jacobi" and "euler", 20 000 with "certified".
     tol : float, optional
-        Stop once the largest change in one iteration is at most this share of the data's range. The error can be far
-        larger than the last change when lam is small.
+        When to stop before that. The paper's processes: once the largest change in one iteration is at most this share
+        of the data's range (the error can be far larger than the last change when lam is small; ``Jacobi(stop=...)``
+        knows other tests). "certified": once the duality gap is at most this share of the energy, 1e-4 where None.
     update_weights : int, optional
         Compute the weights anew from the current iterate every so many iterations (the paper's footnote 1: iterated
         bilateral filter and nonlocal means); `weights` must be an object of :mod:`gpureg.weights`. The energy is then
@@ -140,6 +142,9 @@ def regularize(
     The largest change in one iteration fell to the tolerance.
     """
     begin = time.perf_counter()
+    method = resolve(solver)
+    max_iter = method.most if max_iter is None else max_iter
+    tol = method.tol if tol is None else tol
     if isinstance(max_iter, bool) or not isinstance(max_iter, int | np.integer):
         raise TypeError(f"max_iter must be an integer, got {max_iter!r}")
     if max_iter < 0:
@@ -163,10 +168,20 @@ def regularize(
     kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
-    method = resolve(solver)
     problem = Problem.make(
-        f0, graph, p=p, lam=lam, weights=weights, gamma=gamma, norm=norm, coupled=coupled, eps=eps, dtype=kind
+        f0,
+        graph,
+        p=p,
+        lam=lam,
+        weights=weights,
+        gamma=gamma,
+        norm=norm,
+        coupled=coupled,
+        eps=eps,
+        dtype=kind,
+        smoothed=method.smooths,
     )
+    method.accept(problem)
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
@@ -189,19 +204,23 @@ def regularize(
                 # a buffer of its own: the sweeps write over it
                 on_device.put_function(first),
                 max_iter=int(max_iter),
-                threshold=threshold,
+                tol=tol,
                 callback=callback,
                 report=report,
                 update_weights=steps,
             )
     value = outcome.problem.get_function(outcome.f)
+    course = outcome.course
+    # an interruption may fall after the last check
+    gap = course.gaps[-1] if course.checks[-1] == outcome.iterations else None
     result = Result(
         value=_as_given(value, f0, graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        energy=np.array(outcome.energy),
-        checks=np.array(outcome.checks),
-        gap=None,
+        energy=np.array(course.energies),
+        checks=np.array(course.checks),
+        gap=gap,
+        error_bound=None if gap is None else math.sqrt(2 * gap / float(np.min(problem.lam))),
         eps=problem.eps,
         method=outcome.method,
         backend=repr(device),
@@ -282,6 +301,7 @@ def _in_tiles(
         energy=np.empty(0),
         checks=np.empty(0, np.int64),
         gap=None,
+        error_bound=None,
         eps=problem.eps,
         method=outcome.method,
         backend=repr(device),
@@ -337,6 +357,7 @@ def one_sweep(
         energy=np.empty(0),
         checks=np.empty(0, np.int64),
         gap=None,
+        error_bound=None,
         eps=problem.eps,
         method="Gauss-Jacobi (eq. 25), "
         + (

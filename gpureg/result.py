@@ -15,6 +15,8 @@ class Stop(enum.Enum):
 
     MAX_ITER = "All the iterations asked for were done."
     TOLERANCE = "The largest change in one iteration fell to the tolerance."
+    GAP = "The duality gap fell to the tolerance."
+    PRECISION = "The duality gap falls no further: the floating-point type allows no smaller one."
     CALLBACK = "The callback asked to stop."
     INTERRUPTED = "The run was interrupted; the value is the last whole iterate."
 
@@ -40,6 +42,9 @@ class Result:
         The iterations at which `energy` was taken.
     gap : float or None
         Bound on how far the energy is above its minimum; None unless the solver certifies it.
+    error_bound : float or None
+        sqrt(2 gap / min lam), which bounds the distance (sum over all values, in the data's units) from the minimiser;
+        None without a gap.
     eps : float
         The smoothing of the gradient norm that was used (eq. 15), in the data's units.
     method : str
@@ -56,6 +61,7 @@ class Result:
     energy: npt.NDArray[np.float64]
     checks: npt.NDArray[np.int64]
     gap: float | None
+    error_bound: float | None
     eps: float
     method: str
     backend: str

@@ -6,13 +6,14 @@ To add one: a file here with a frozen dataclass that has ``start``, ``advance`` 
 
 from __future__ import annotations
 
+from .certified import Certified
 from .euler import Euler
 from .jacobi import Jacobi
 from .loop import Check, Solver, run
 
-__all__ = ["SOLVERS", "Check", "Euler", "Jacobi", "Solver", "resolve", "run"]
+__all__ = ["SOLVERS", "Certified", "Check", "Euler", "Jacobi", "Solver", "resolve", "run"]
 
-SOLVERS: dict[str, type[Solver]] = {"jacobi": Jacobi, "euler": Euler}
+SOLVERS: dict[str, type[Solver]] = {"jacobi": Jacobi, "euler": Euler, "certified": Certified}
 
 
 def resolve(solver: str | Solver) -> Solver:

@@ -6,21 +6,72 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..backends import Array, Backend
 from ..graph import FloatArray
-from ..problem import DeviceProblem
+from ..problem import DeviceProblem, Problem
 from ..result import Stop
+
+
+@dataclass
+class Course:
+    """How a run has gone so far: one entry per check in each list.
+
+    Attributes
+    ----------
+    checks : list of int
+        Iterations done.
+    energies : list of float
+        The eps-smoothed energy.
+    changes : list of float
+        Largest change of a value in the last iteration; infinity before the first.
+    gaps : list of float or None
+        Duality gap, where the solver finds one.
+    tol : float or None
+        What the caller asked for; the solver says of what.
+    span : float
+        The data's range, or 1 where it has none.
+    """
+
+    tol: float | None
+    span: float
+    checks: list[int] = field(default_factory=list)
+    energies: list[float] = field(default_factory=list)
+    changes: list[float] = field(default_factory=list)
+    gaps: list[float | None] = field(default_factory=list)
 
 
 class Solver(ABC):
     """A solver: settings only; what changes lives in a state that has ``f`` and ``previous``, the last two iterates."""
 
     check_every: int
+    tol: float | None = None
+
+    # Iterations at most, where the caller of `regularize` names no number.
+    most: ClassVar[int] = 100
+    # Whether p < 2 needs eps > 0.
+    smooths: ClassVar[bool] = True
+
+    def accept(self, problem: Problem) -> None:  # noqa: B027
+        """ValueError unless this solver can take the problem."""
+
+    def next_check(self, state: Any, done: int) -> int:
+        """The number of iterations after which energy and change are looked at next."""
+        return done - done % self.check_every + self.check_every
+
+    def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float | None]:
+        """The state to go on from, and how far `energy`, that of its f, is above the minimum at most, or None."""
+        return state, None
+
+    def judge(self, problem: DeviceProblem, state: Any, course: Course) -> Stop | None:
+        """Why to stop at this check, or None: by default a largest change of at most tol times the data's range."""
+        if course.tol is not None and course.changes[-1] <= course.tol * course.span:
+            return Stop.TOLERANCE
+        return None
 
     @abstractmethod
     def start(self, problem: DeviceProblem, initial: Array) -> Any:
@@ -33,6 +84,33 @@ class Solver(ABC):
     @abstractmethod
     def describe(self, state: Any) -> str:
         """What the iterations from this state do, as a sentence without its full stop."""
+
+
+class Method(ABC):
+    """One way to the minimiser, for :class:`gpureg.Certified`, which chooses among them."""
+
+    # Iterations before which a gap that stands still is not held against the floating-point type.
+    patience: ClassVar[int] = 100
+
+    @abstractmethod
+    def start(self, problem: DeviceProblem, initial: Array) -> Any:
+        """State before the first iteration."""
+
+    @abstractmethod
+    def advance(self, problem: DeviceProblem, state: Any) -> Any:
+        """State after one more iteration."""
+
+    @abstractmethod
+    def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float]:
+        """The state to go on from, and the duality gap; `energy` is that of its f."""
+
+    @abstractmethod
+    def next_check(self, done: int) -> int:
+        """The number of iterations after which the gap is looked at next."""
+
+    @abstractmethod
+    def describe(self, state: Any) -> str:
+        """What the iterations did, as a sentence without its full stop."""
 
 
 def check_settings(settings: dict[str, Any], *, integers: tuple[str, ...] = ("check_every",)) -> None:
@@ -57,6 +135,8 @@ class Check:
         The eps-smoothed energy now.
     change : float
         Largest change of a value in the last iteration, in the data's units; infinity before the first.
+    gap : float or None
+        How far the energy is above its minimum at most; None unless the solver certifies it.
     value : callable
         ``check.value()`` reads the current iterate (n, m) back from the device; inside the callback only.
     """
@@ -64,6 +144,7 @@ class Check:
     iteration: int
     energy: float
     change: float
+    gap: float | None
     value: Callable[[], FloatArray]
 
 
@@ -78,8 +159,7 @@ class Outcome:
     f: Array
     iterations: int
     stop: Stop
-    energy: list[float]
-    checks: list[int]
+    course: Course
     method: str
 
 
@@ -113,12 +193,12 @@ def run(
     initial: Array,
     *,
     max_iter: int,
-    threshold: float | None,
+    tol: float | None,
     callback: Callback | None,
     report: Callable[[int], None],
     update_weights: int | None = None,
 ) -> Outcome:
-    """Iterate until a stop: `max_iter`, a largest change of at most `threshold`, the callback, or Ctrl-C.
+    """Iterate until a stop: `max_iter`, what the solver makes of `tol`, the callback, or Ctrl-C.
 
     `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
     from the current iterate, and the solver starts again from there.
@@ -129,18 +209,31 @@ def run(
         Values that are no longer finite.
     """
     backend = problem.backend
-    energies, checks = [problem.energy(initial)], [0]
+    course = Course(tol, problem.problem.data_range or 1.0)
     state, done = solver.start(problem, initial), 0
 
-    expect_finite(backend, done, energies[0])
+    def look() -> Stop | None:
+        """Write down how it goes; whether to stop."""
+        nonlocal state
+        change = problem.change(state.f, state.previous) if done else math.inf
+        energy = problem.energy(state.f)
+        state, gap = solver.certify(problem, state, energy)
+        expect_finite(backend, done, energy, *([change] if done else []), *([] if gap is None else [gap]))
+        course.checks.append(done)
+        course.energies.append(energy)
+        course.changes.append(change)
+        course.gaps.append(gap)
+        if is_told_to_stop():
+            return Stop.CALLBACK
+        return solver.judge(problem, state, course)
 
     def outcome(stop: Stop) -> Outcome:
         method = solver.describe(state)
         if update_weights is not None:
             method += f", weights computed anew every {update_weights} iteration(s)"
-        return Outcome(problem, state.f, done, stop, energies, checks, method + ".")
+        return Outcome(problem, state.f, done, stop, course, method + ".")
 
-    def is_told_to_stop(change: float) -> bool:
+    def is_told_to_stop() -> bool:
         if callback is None:
             return False
         now, at, of = state.f, done, problem
@@ -150,35 +243,31 @@ def run(
                 raise RuntimeError("check.value() reads the iterate of its own check: call it inside the callback")
             return of.get_function(now)
 
-        check = Check(done, energies[-1], change, value)
+        check = Check(done, course.energies[-1], course.changes[-1], course.gaps[-1], value)
         return callback(check) is True
 
     try:
-        if is_told_to_stop(math.inf):
-            return outcome(Stop.CALLBACK)
+        stop = look()
+        if stop is not None:
+            return outcome(stop)
         while done < max_iter:
             if update_weights is not None and done and done % update_weights == 0:
                 host = problem.get_function(state.f)
                 anew = DeviceProblem.put(problem.problem, backend, host)
                 problem, state = anew, solver.start(anew, anew.put_function(host))
-            until = min(done - done % solver.check_every + solver.check_every, max_iter)
+            check = min(solver.next_check(state, done), max_iter)
+            until = check
             if update_weights is not None:
                 until = min(until, done - done % update_weights + update_weights)
             while done < until:
                 # One assignment of a pair: an interrupt falls before or after a whole iteration.
                 state, done = solver.advance(problem, state), done + 1
-            if done % solver.check_every and done < max_iter:
+            if done < check:
                 continue  # only the weights are due
-            change = problem.change(state.f, state.previous)
-            energy = problem.energy(state.f)
-            expect_finite(backend, done, change, energy)
-            energies.append(energy)
-            checks.append(done)
+            stop = look()
             report(done)
-            if is_told_to_stop(change):
-                return outcome(Stop.CALLBACK)
-            if threshold is not None and change <= threshold:
-                return outcome(Stop.TOLERANCE)
+            if stop is not None:
+                return outcome(stop)
     except KeyboardInterrupt:
         return outcome(Stop.INTERRUPTED)
     return outcome(Stop.MAX_ITER)
