@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import FloatArray, Graph, GridGraph, IntArray
+from .assembly import undirected_edges
+from .graph import FloatArray
 from .problem import AnyGraph, DeviceProblem, Problem
 from .weights import Weights
 
@@ -64,7 +65,8 @@ def harmonic(
 
     Examples
     --------
-    >>> path = GridGraph(5)
+    >>> import gpureg as gr
+    >>> path = gr.GridGraph(5)
     >>> f, reached = harmonic(np.array([[0.0], [9], [9], [9], [1]]), path, np.array([1, 0, 0, 0, 1], bool))
     >>> f[:, 0].round(3)
     array([0.  , 0.25, 0.5 , 0.75, 1.  ])
@@ -77,7 +79,13 @@ def harmonic(
     unknown = np.flatnonzero(~known)
     if not len(unknown):
         return f, reached
-    u, v, there, back = _edges(f0, graph, known, weights, gamma, backend, dtype)
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
+    problem = Problem.make(
+        f0, graph, p=2.0, lam=0.0, weights=weights, gamma=gamma, norm="vertex", coupled=True, eps=0.0, dtype=kind
+    )
+    on = DeviceProblem.put(problem, backends.get(backend, kind))
+    edges = undirected_edges(on, wanted=~known)
+    u, v, there, back = edges.u, edges.v, edges.there, edges.back
     k = len(unknown)
     place = np.full(graph.n_vertices, -1)
     place[unknown] = np.arange(k)
@@ -127,66 +135,3 @@ def harmonic(
             )
     f[unknown[solvable]] = root[:, None] * solved
     return f, reached
-
-
-def _edges(
-    f0: FloatArray,
-    graph: AnyGraph,
-    known: npt.NDArray[np.bool_],
-    weights: Weights | npt.ArrayLike | None,
-    gamma: str | npt.ArrayLike,
-    backend: str,
-    dtype: npt.DTypeLike | None,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Undirected edges (u, v) that touch an unknown vertex, gamma(u, v) and gamma(v, u)."""
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
-    problem = Problem.make(
-        f0, graph, p=2.0, lam=0.0, weights=weights, gamma=gamma, norm="vertex", coupled=True, eps=0.0, dtype=kind
-    )
-    given: FloatArray | None
-    scale: FloatArray | None = None
-    if isinstance(problem.gamma, str):
-        on = DeviceProblem.put(problem, backends.get(backend, kind))
-        given, scale, symmetric = on.backend.get_weights(on.weighted), on.scale, True
-    else:
-        given, symmetric = problem.gamma[..., 0], False
-    if isinstance(graph, Graph):
-        rows = graph.edge_rows()
-        forward = (rows < graph.indices) & ~(known[rows] & known[graph.indices])
-        u: IntArray = rows[forward]
-        v: IntArray = graph.indices[forward].astype(np.int64)
-        if symmetric:
-            there = back = np.ones(len(u)) if given is None else np.sqrt(given[forward].astype(np.float64))
-        else:
-            assert given is not None
-            numbers = rows * graph.n_vertices + graph.indices  # sorted, as the rows are
-            opposite = np.searchsorted(numbers, v * graph.n_vertices + u)
-            there, back = given[forward].astype(np.float64), given[opposite].astype(np.float64)
-    else:
-        u, v, there, back = _grid_edges(graph, known, given, symmetric)
-    if scale is not None:
-        there, back = there * scale[u, 0], back * scale[v, 0]
-    return u, v, there, back
-
-
-def _grid_edges(
-    grid: GridGraph, known: npt.NDArray[np.bool_], given: FloatArray | None, symmetric: bool
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """As :func:`_edges`; `given` is one weight per pair or, if not `symmetric`, gamma in one plane per offset."""
-    vertices = np.arange(grid.n_vertices).reshape(grid.shape)
-    open_cells = ~known.reshape(grid.shape)
-    H, found = grid.half_window, []
-    for plane, step in enumerate(grid.forward_offsets):
-        start, end = grid.ends(step)
-        wanted = open_cells[start] | open_cells[end]
-        if symmetric:
-            there = back = np.ones(int(wanted.sum())) if given is None else np.sqrt(given[plane][start][wanted])
-        else:
-            assert given is not None
-            there, back = given[H + plane][start][wanted], given[H - 1 - plane][end][wanted]
-        found.append((vertices[start][wanted], vertices[end][wanted], there, back))
-    if not found:
-        none = np.empty(0)
-        return none.astype(np.int64), none.astype(np.int64), none, none
-    u, v, there, back = (np.concatenate(columns) for columns in zip(*found, strict=True))
-    return u, v, there.astype(np.float64), back.astype(np.float64)

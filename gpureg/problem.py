@@ -292,9 +292,9 @@ class DeviceProblem:
         """Whether a plain sweep can go on forever between two states (a part without data that is bipartite)."""
         if np.min(self.problem.lam) > 0:  # before the weights come back from the device
             return False
-        return has_swinging_part(self.problem.graph, self._host_gamma(), self.problem.lam)
+        return has_swinging_part(self.problem.graph, self.host_gamma(), self.problem.lam)
 
-    def _host_gamma(self) -> FloatArray | None:
+    def host_gamma(self) -> FloatArray | None:
         """What says which edges are there: weights or, where they are given, values of gamma."""
         if self.weighted.directed:
             assert not isinstance(self.problem.gamma, str)

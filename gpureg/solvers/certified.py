@@ -13,8 +13,9 @@ from ..result import Stop
 from .dual import Dual
 from .linear import Linear
 from .loop import Course, Method, Solver, check_settings
+from .newton import Newton
 
-METHODS: dict[str, type[Method]] = {"dual": Dual, "linear": Linear}
+METHODS: dict[str, type[Method]] = {"dual": Dual, "linear": Linear, "newton": Newton}
 
 
 @dataclass(frozen=True)

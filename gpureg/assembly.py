@@ -1,0 +1,135 @@
+"""A weighted graph as sparse matrices on the host: its edges with both values of gamma, and the difference operator."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .backends import Array
+from .graph import FloatArray, Graph, GridGraph, IntArray
+from .problem import DeviceProblem
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Each edge (u, v) once, with u < v.
+
+    Attributes
+    ----------
+    u, v : (E,) int array
+        Its ends.
+    there, back : (E,) float array
+        gamma(u, v) and gamma(v, u), in the caller's variable f.
+    place, place_back : (E,) int array
+        Where (u, v) and (v, u) stand in a host function on the directed edges, counted along all axes but the last.
+    """
+
+    u: IntArray
+    v: IntArray
+    there: FloatArray
+    back: FloatArray
+    place: IntArray
+    place_back: IntArray
+
+    def __getitem__(self, kept: npt.NDArray[np.bool_]) -> Edges:
+        return Edges(*(getattr(self, column.name)[kept] for column in fields(self)))
+
+
+def undirected_edges(problem: DeviceProblem, wanted: npt.NDArray[np.bool_] | None = None) -> Edges:
+    """The edges of a problem; `wanted`, one value per vertex, leaves out those of which neither end is wanted."""
+    graph, given = problem.weighted.graph, problem.host_gamma()
+    if given is not None and problem.weighted.directed:
+        given = given[..., 0]
+    edges = _stored(graph, wanted) if isinstance(graph, Graph) else _of_grid(graph, wanted)
+    if given is None:
+        there = back = np.ones(len(edges.u))
+    else:
+        values = given.reshape(-1).astype(np.float64)
+        if problem.weighted.directed:
+            there, back = values[edges.place], values[edges.place_back]
+        else:
+            first = 0 if isinstance(graph, Graph) else graph.half_window * graph.n_vertices  # the forward half alone
+            there = back = np.sqrt(values[edges.place - first])
+    if problem.scale is not None:
+        there, back = there * problem.scale[edges.u, 0], back * problem.scale[edges.v, 0]
+    return replace(edges, there=there, back=back)
+
+
+def _stored(graph: Graph, wanted: npt.NDArray[np.bool_] | None) -> Edges:
+    rows = graph.edge_rows()
+    forward = rows < graph.indices
+    if wanted is not None:
+        forward &= wanted[rows] | wanted[graph.indices]
+    place = np.flatnonzero(forward)
+    u, v = rows[forward], graph.indices[forward].astype(np.int64)
+    numbers = rows * graph.n_vertices + graph.indices  # sorted, as the rows are
+    none = np.empty(0)
+    return Edges(u, v, none, none, place, np.searchsorted(numbers, v * graph.n_vertices + u))
+
+
+def _of_grid(grid: GridGraph, wanted: npt.NDArray[np.bool_] | None) -> Edges:
+    n, H = grid.n_vertices, grid.half_window
+    vertices = np.arange(n).reshape(grid.shape)
+    cells = None if wanted is None else wanted.reshape(grid.shape)
+    found = [np.empty((4, 0), np.int64)]
+    for plane, step in enumerate(grid.forward_offsets):
+        start, end = grid.ends(step)
+        u, v = vertices[start], vertices[end]
+        kept = np.ones(u.shape, bool) if cells is None else cells[start] | cells[end]
+        u, v = u[kept], v[kept]
+        found.append(np.stack([u, v, (H + plane) * n + u, (H - 1 - plane) * n + v]))
+    u, v, place, place_back = np.concatenate(found, axis=1)
+    none = np.empty(0)
+    return Edges(u, v, none, none, place, place_back)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """d_w (eq. 4) as a matrix.
+
+    Attributes
+    ----------
+    matrix : (D, n) sparse array
+        One row per directed edge whose gamma is not 0.
+    adjoint : (n, D) sparse array
+        Its transpose.
+    start : (D,) int array
+        The vertex at which each edge starts.
+    place : (D,) int array
+        Where it stands in a host function on the directed edges.
+    """
+
+    matrix: csr_array
+    adjoint: csr_array
+    start: IntArray
+    place: IntArray
+
+    @classmethod
+    def of(cls, problem: DeviceProblem) -> Difference:
+        """The difference of a problem, for functions in the caller's variable f."""
+        from scipy.sparse import coo_array
+
+        e = undirected_edges(problem)
+        e = e[(e.there > 0) | (e.back > 0)]
+        start, end = np.concatenate([e.u, e.v]), np.concatenate([e.v, e.u])
+        own, other = np.concatenate([e.there, e.back]), np.concatenate([e.back, e.there])
+        edges = np.arange(len(start))
+        places = (np.concatenate([edges, edges]), np.concatenate([end, start]))
+        shape = (len(start), problem.weighted.graph.n_vertices)
+        matrix = coo_array((np.concatenate([other, -own]), places), shape=shape).tocsr()
+        return cls(matrix, matrix.T.tocsr(), start, np.concatenate([e.place, e.place_back]))
+
+    def on_device(self, problem: DeviceProblem, y: FloatArray) -> Array:
+        """A function on these edges, (D, m), on the device; 0 on all others."""
+        graph = problem.weighted.graph
+        shape = (len(graph.offsets), *graph.shape) if isinstance(graph, GridGraph) else (graph.n_edges,)
+        values = np.zeros((math.prod(shape), y.shape[1]))
+        values[self.place] = y
+        return problem.backend.put_edges(graph, values.reshape(*shape, y.shape[1]))

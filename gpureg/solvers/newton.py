@@ -1,0 +1,221 @@
+"""Primal-dual Newton steps.
+
+The minimiser and its dual variable satisfy lam (f - f0) + d*y = 0 and y = phi'(|df|) df/|df|. For p < 2 Newton's method
+on y (|df|^2 + eps^2)^((2 - p)/2) = df (Chan, Golub and Mulet 1999, who did this for p = 1) hardly depends on eps,
+whereas Newton's method on f alone hardly moves for a small one. Eliminating the change of y leaves, for the change h
+of f,
+
+    lam h + d* [ g dh - k/2 (y <df, dh> + df <y, dh>) ] = - gradient,   g = q^((p-2)/2),  k = (2 - p) g q^(-p/2)
+
+with q = |df|^2 + eps^2, made symmetric, and y kept where that is positive definite. For p > 2, y = g df: Newton's own.
+The systems are solved on the host, by conjugate gradients with the matrix of eq. 25 (k = 0) as preconditioner.
+
+Where eps = 0 and p < 2 there are no second derivatives: the steps are those of an eps > 0 that falls with the gap. y
+belongs to the problem with eps = 0 all the same, and so does the gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import multigrid
+from ..assembly import Difference
+from ..backends import Array
+from ..graph import FloatArray
+from ..problem import DeviceProblem
+from .loop import Method
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# Sufficient decrease (Armijo), and how often a step is halved at most.
+_DECREASE, _HALVINGS = 1e-4, 30
+# Steps of conjugate gradients for one of Newton's at most, and what they leave of the gradient.
+_INNER, _FORCING = 1000, 0.03
+# What the smoothing may add to the energy, as a share of the gap, where the problem has none.
+_PART = 0.1
+
+
+@dataclass(frozen=True)
+class _Model:
+    """The energy on the host, in the caller's variable."""
+
+    d: Difference
+    f0: FloatArray
+    lam: FloatArray  # (n, 1); 0 where f is pinned
+    free: FloatArray  # (n, 1); 0 where f is pinned
+    p: float
+    coupled: bool
+    edge_norm: bool
+
+    @property
+    def share(self) -> float:
+        return 0.5 if self.edge_norm else 1.0
+
+    def grouped(self, H: FloatArray) -> FloatArray:
+        """Sums over the edges of a vertex (the edge norm: one edge) and, coupled, over channels; one row per edge."""
+        if self.coupled:
+            H = H.sum(axis=1, keepdims=True)
+        if self.edge_norm:
+            return H
+        return self._around(H)[self.d.start]
+
+    def _around(self, H: FloatArray) -> FloatArray:
+        sums = [np.bincount(self.d.start, h, minlength=len(self.f0)).astype(np.float64) for h in H.T]
+        return np.stack(sums, axis=1)
+
+    def energy(self, f: FloatArray, eps: float) -> float:
+        square = (self.d.matrix @ f) ** 2
+        if self.coupled:
+            square = square.sum(axis=1, keepdims=True)
+        if not self.edge_norm:
+            square = self._around(square)
+        smoothness = self.share * ((square + eps**2) ** (self.p / 2)).sum() / self.p
+        return float(smoothness + (self.lam * (f - self.f0) ** 2).sum() / 2)
+
+
+@dataclass(frozen=True)
+class _State:
+    f: Array
+    previous: Array
+    model: _Model
+    host: FloatArray
+    y: FloatArray
+    eps: float  # of the next step
+    cycle: multigrid.Preconditioner | None = None  # where one serves all steps
+    inner: int = 0
+    halved: int = 0
+
+
+@dataclass(frozen=True)
+class Newton(Method):
+    """Newton's method, primal-dual for p < 2."""
+
+    patience = 20
+
+    def start(self, problem: DeviceProblem, initial: Array) -> _State:
+        """State before the first step, from `initial`."""
+        backend, graph = problem.backend, problem.weighted.graph
+        given = np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (graph.n_vertices,))[:, None]
+        free = np.isfinite(given).astype(np.float64)
+        model = _Model(
+            Difference.of(problem),
+            problem.problem.f0.astype(np.float64),
+            np.where(free > 0, given, 0),
+            free,
+            problem.p,
+            problem.coupled,
+            problem.edge_norm,
+        )
+        host = problem.get_function(initial).astype(np.float64)
+        host = np.where(free > 0, host, model.f0)
+        y = np.zeros((len(model.d.start), problem.channels))
+        previous = backend.empty(graph, problem.channels)
+        eps = problem.eps if problem.eps or problem.p >= 2 else 0.1 * (problem.problem.data_range or 1.0)
+        return _State(problem.put_function(host), previous, model, host, y, eps)
+
+    def advance(self, problem: DeviceProblem, state: _State) -> _State:
+        """One step of Newton's, shortened until the energy falls enough."""
+        model, f, y = state.model, state.host, state.y
+        p, eps, share, grouped, D = model.p, state.eps, model.share, model.grouped, model.d.matrix
+        df = D @ f
+        q = np.maximum(grouped(df**2) + eps**2, np.finfo(np.float64).tiny)
+        g = q ** ((p - 2) / 2)
+        gradient = model.free * (model.lam * (f - model.f0) + model.d.adjoint @ (share * g * df))
+        size = float(np.sqrt((gradient**2).sum()))
+        if size == 0:
+            return replace(state, y=share * g * df)
+        if p < 2:
+            bent = (2 - p) * g * q ** (-p / 2)
+            length = np.sqrt(grouped(y**2))
+            most = share * q ** ((p - 1) / 2)
+            held = y * np.where(length > most, most / np.where(length > 0, length, 1), 1)
+        else:
+            bent, held = share * (2 - p) * g / q, df
+
+        def hessian(h: FloatArray) -> FloatArray:
+            dh = D @ (model.free * h)
+            flux: FloatArray = share * g * dh - bent / 2 * (held * grouped(df * dh) + df * grouped(held * dh))
+            # a pinned vertex keeps its value: the identity there
+            product: FloatArray = model.lam * h + model.free * (model.d.adjoint @ flux) + (1 - model.free) * h
+            return product
+
+        cycle = state.cycle or self._preconditioner(model, share * g)
+        h, steps = multigrid.conjugate_gradients(
+            hessian, -gradient, cycle, rtol=1e-3 if p == 2 else _FORCING, most=_INNER
+        )
+        h = model.free * h
+        energy, slope = model.energy(f, eps), float((gradient * h).sum())
+        theta, halved = 1.0, 0
+        while not model.energy(f + theta * h, eps) <= energy + _DECREASE * theta * slope and halved < _HALVINGS:
+            theta, halved = theta / 2, halved + 1
+        if halved == _HALVINGS:  # what is left is rounding
+            theta = 0.0
+        dh = D @ h
+        y = g * (share * (df + dh) - (2 - p) * q ** (-p / 2) * (y if p < 2 else share * g * df) * grouped(df * dh))
+        host = f + theta * h
+        return replace(
+            state,
+            f=problem.put_function(host),
+            previous=state.f,
+            host=host,
+            y=y,
+            cycle=cycle if p == 2 else None,
+            inner=state.inner + steps,
+            halved=state.halved + (halved > 0),
+        )
+
+    @staticmethod
+    def _preconditioner(model: _Model, c: FloatArray) -> multigrid.Preconditioner:
+        """A cycle for lam + d* c d: one matrix for all channels, or one each."""
+        from scipy.sparse import csr_array, diags_array
+
+        def of(c: FloatArray) -> csr_array:
+            inside = diags_array(model.free[:, 0])
+            matrix = inside @ (model.d.adjoint @ diags_array(c) @ model.d.matrix) @ inside
+            matrix = matrix + diags_array(model.lam[:, 0] + (1 - model.free[:, 0]))
+            return csr_array(matrix)
+
+        cycles = [multigrid.cycle(of(c[:, k])) for k in range(c.shape[1])]
+        if len(cycles) == 1:
+            return cycles[0]
+        return lambda r: np.concatenate([solve(r[:, k : k + 1]) for k, solve in enumerate(cycles)], axis=1)
+
+    def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
+        """The gap of f as the device has it with y, kept in the unit ball for p = 1; the eps that suits it."""
+        model, p = state.model, problem.p
+        y = state.y
+        if p == 1:
+            # a little inside, so that the roundings of the device's norms do not matter
+            inside = 1 - 32 * float(np.finfo(problem.backend.dtype).eps)
+            length, most = np.sqrt(model.grouped(y**2)), model.share * inside
+            y = y * np.where(length > most, most / np.where(length > 0, length, 1), 1)
+        gap = problem.backend.duality_gap(
+            problem.weighted,
+            state.f,
+            model.d.on_device(problem, y),
+            problem.f0,
+            problem.lam,
+            p=p,
+            eps=problem.eps,
+            coupled=problem.coupled,
+            edge_norm=problem.edge_norm,
+        )
+        if problem.eps or p >= 2:
+            return state, gap
+        # eps adds (eps^p / p) to the energy of a vertex at most: a part of the gap that there is
+        return replace(state, eps=min(state.eps, (_PART * p * max(gap, 0.0) / len(model.f0)) ** (1 / p))), gap
+
+    def next_check(self, done: int) -> int:
+        """At every step."""
+        return done + 1
+
+    def describe(self, state: _State) -> str:
+        """The method and what it took."""
+        name = "Primal-dual Newton" if state.model.p < 2 else "Newton"
+        by = "multigrid" if multigrid.is_there() else "the diagonal (pyamg is not installed)"
+        halved = f", {state.halved} step(s) shortened" if state.halved else ""
+        return f"{name} on the host, {state.inner} step(s) of conjugate gradients preconditioned by {by} in all{halved}"
