@@ -63,8 +63,8 @@ class Solver(ABC):
         """The number of iterations after which energy and change are looked at next."""
         return done - done % self.check_every + self.check_every
 
-    def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float | None]:
-        """The state to go on from, and how far `energy`, that of its f, is above the minimum at most, or None."""
+    def certify(self, problem: DeviceProblem, state: Any, course: Course) -> tuple[Any, float | None]:
+        """The state to go on from, and how far the last energy of the course is above the minimum at most, or None."""
         return state, None
 
     def judge(self, problem: DeviceProblem, state: Any, course: Course) -> Stop | None:
@@ -217,11 +217,12 @@ def run(
         nonlocal state
         change = problem.change(state.f, state.previous) if done else math.inf
         energy = problem.energy(state.f)
-        state, gap = solver.certify(problem, state, energy)
-        expect_finite(backend, done, energy, *([change] if done else []), *([] if gap is None else [gap]))
+        expect_finite(backend, done, energy, *([change] if done else []))
         course.checks.append(done)
         course.energies.append(energy)
         course.changes.append(change)
+        state, gap = solver.certify(problem, state, course)
+        expect_finite(backend, done, *([] if gap is None else [gap]))
         course.gaps.append(gap)
         if is_told_to_stop():
             return Stop.CALLBACK
