@@ -42,6 +42,7 @@ FLOORS: dict[str, float] = {
     "rule": 4,
     "pixels": 4,
     "nearest": 4.6,
+    "paths": 4.55,
     "tuning": 4.6,
     "plan": 4.7,
     "planning": 4.8,
