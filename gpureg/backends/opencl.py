@@ -27,8 +27,9 @@ from .base import (
     patch_jumps,
     patch_lines,
 )
-from .opencl_graph import OpenCLGraph, Recomputed
+from .opencl_graph import Recomputed
 from .opencl_layout import GridLayout
+from .opencl_optimize import OpenCLOptimization
 from .opencl_queue import vector_width
 from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
 
@@ -72,7 +73,7 @@ def devices() -> list[Device]:
     return described
 
 
-class OpenCLBackend(OpenCLGraph):
+class OpenCLBackend(OpenCLOptimization):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

@@ -44,6 +44,9 @@ _HUGE, _PAGE = 1 << 22, 1 << 12
 # Where in a page the buffers of a kernel begin: all at its start would share the sets of a cache.
 _STAGGER = itertools.cycle(range(0, 1 << 12, 5 << 7))
 
+# Primitives that read both directions of an edge, whatever gamma is.
+_MIRRORED = ("adjoint", "primal", "duality_gap")
+
 # Work items of a group: on a GPU; on a stored graph on a CPU, and on one of so many vertices.
 _GPU_GROUP, _CSR_CPU_GROUP, _CSR_LARGE_GROUP, _CSR_LARGE = 64, 128, 2048, 1 << 18
 
@@ -261,7 +264,7 @@ class OpenCLGraph(Backend):
         if found is None:
             source = kernels.opencl_source(primitive)
             program = cl.Program(self._shared.context, source).build(options=list(key[1]))
-            found = self._shared.kernels[key] = cl.Kernel(program, primitive)
+            found = self._shared.kernels[key] = program.all_kernels()[0]
             # Not told their types, pyopencl tries what each scalar might be: 0.15 ms a launch instead of 0.02.
             found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
         return found
@@ -299,7 +302,7 @@ class OpenCLGraph(Backend):
             local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
         graph_args = layout.args(
-            self._nothing if weights is None else weights, weighted.directed or primitive == "adjoint"
+            self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
         )
         args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
         with self._shared.lock:
