@@ -73,8 +73,7 @@ def make(real, case, edge_norm):
             if sigma > zero:
                 t = wp.min(t, r / sigma)
         t = wp.min(wp.max(t, tiny), largest)
-        k = 0
-        while k < _STEPS:
+        for _ in range(_STEPS):
             square = t * t + eps * eps
             g = real(0.0)
             ratio = real(1.0)
@@ -89,10 +88,10 @@ def make(real, case, edge_norm):
             ahead = t - moved
             if p < two:
                 ahead = moved - t
-            if not ahead > two * rounding * t:
-                return moved
+            moving = ahead > two * rounding * t
             t = moved
-            k += 1
+            if not moving:
+                break
         return t
 
     if case == "ball":
