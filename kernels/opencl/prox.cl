@@ -92,7 +92,8 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
         const laneN rising = rise > 0 && some;
         const realN step = rising ? value / (rising ? rise : (realN)(1)) : (realN)(0);
         const realN moved = fmax(t - step, (realN)(0));
-        const laneN moving = fabs(moved - t) > 2 * ROUNDING * t;
+        /* the way goes up or down alone: what turns back is rounding */
+        const laneN moving = (p < 2 ? moved - t : t - moved) > 2 * ROUNDING * t;
         t = moved;
         if (!any_lane(moving)) break;
     }
