@@ -13,6 +13,7 @@ from .labels import propagate_labels
 from .memory import memory_needed
 from .nearest import patch_graph
 from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
+from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
 from .regularization import regularize
@@ -32,6 +33,7 @@ __all__ = [
     "GridGraph",
     "Interrupted",
     "Jacobi",
+    "Path",
     "PhotonNoise",
     "Result",
     "Stop",
@@ -52,6 +54,7 @@ __all__ = [
     "presets",
     "propagate_labels",
     "read_graph",
+    "regularization_path",
     "regularize",
     "reordered",
     "run_plan",

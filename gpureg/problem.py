@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -256,12 +256,12 @@ class DeviceProblem:
         else:
             weighted = backend.prepare(graph, problem.weights)
         scale = _vertex_scale(problem.gamma, backend, weighted)
-        f0, lam = problem.f0, problem.lam
-        if scale is not None:
-            f0 = f0 * scale
-            lam = np.broadcast_to(np.asarray(lam, np.float64), (graph.n_vertices,)) / scale[:, 0] ** 2
-        device_lam = lam if isinstance(lam, float) else backend.put(graph, lam[:, None])
-        return cls(problem, backend, weighted, backend.put(graph, f0), device_lam, scale)
+        f0 = problem.f0 if scale is None else problem.f0 * scale
+        return cls(problem, backend, weighted, backend.put(graph, f0), _put_lam(problem, backend, scale), scale)
+
+    def changed(self, problem: Problem) -> DeviceProblem:
+        """The same data, graph and weights with another p, lam or eps."""
+        return replace(self, problem=problem, lam=_put_lam(problem, self.backend, self.scale))
 
     @property
     def p(self) -> float:
@@ -343,6 +343,14 @@ class DeviceProblem:
             coupled=self.coupled,
             edge_norm=self.edge_norm,
         )
+
+
+def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:
+    """The fidelity in the device's variable."""
+    lam = problem.lam
+    if scale is not None:
+        lam = np.broadcast_to(np.asarray(lam, np.float64), (len(scale),)) / scale[:, 0] ** 2
+    return lam if isinstance(lam, float) else backend.put(problem.graph, lam[:, None])
 
 
 def _vertex_scale(gamma: Gamma | FloatArray, backend: Backend, weighted: Weighted) -> FloatArray | None:

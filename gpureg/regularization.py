@@ -17,7 +17,7 @@ from .memory import Budget, Job, budget, readable
 from .problem import DeviceProblem, Problem, as_function
 from .result import Interrupted, Result, Stop
 from .solvers import Jacobi, Solver, resolve, run
-from .solvers.loop import Callback, progress_bar
+from .solvers.loop import Callback, Outcome, progress_bar
 from .tiles import OneStep, Tile, Tiling, halo, run_in_tiles, step_in_tiles, tiling, why_whole, work_of
 from .weights import Weights
 
@@ -188,7 +188,7 @@ def regularize(
     device = backends.get(backend, kind)
     steps = None if update_weights is None else int(update_weights)
     threshold = None if tol is None else tol * (problem.data_range or 1.0)
-    tiles = _tiles(problem, device, method, budget(device, memory), int(max_iter), tol, callback, steps)
+    tiles = tiles_of(problem, device, method, budget(device, memory), int(max_iter), tol, callback, steps)
     first = problem.f0 if start is None else start
     # Numbers out of the type's range are found by the loop, which says so in a sentence.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -209,21 +209,25 @@ def regularize(
                 report=report,
                 update_weights=steps,
             )
-    value = outcome.problem.get_function(outcome.f)
-    course = outcome.course
+    return result_of(outcome, f0, graph, begin)
+
+
+def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
+    """What the caller gets of a run that began at this time; Interrupted if it was."""
+    problem, course = outcome.problem, outcome.course
     # an interruption may fall after the last check
     gap = course.gaps[-1] if course.checks[-1] == outcome.iterations else None
     result = Result(
-        value=_as_given(value, f0, graph),
+        value=_as_given(problem.get_function(outcome.f), f0, graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
         energy=np.array(course.energies),
         checks=np.array(course.checks),
         gap=gap,
-        error_bound=None if gap is None else math.sqrt(2 * gap / float(np.min(problem.lam))),
+        error_bound=None if gap is None else math.sqrt(2 * gap / float(np.min(problem.problem.lam))),
         eps=problem.eps,
         method=outcome.method,
-        backend=repr(device),
+        backend=repr(problem.backend),
         seconds=time.perf_counter() - begin,
     )
     if outcome.stop is Stop.INTERRUPTED:
@@ -231,7 +235,7 @@ def regularize(
     return result
 
 
-def _tiles(
+def tiles_of(
     problem: Problem,
     device: Backend,
     method: Solver,

@@ -67,6 +67,11 @@ class Result:
     backend: str
     seconds: float
 
+    @property
+    def lower_bound(self) -> float | None:
+        """No function has an energy below this; None without a gap."""
+        return None if self.gap is None else float(self.energy[-1]) - self.gap
+
 
 class Interrupted(KeyboardInterrupt):
     """A KeyboardInterrupt during a run; ``result`` holds the last whole iterate."""

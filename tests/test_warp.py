@@ -25,6 +25,7 @@ from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similari
 from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends import warp as warp_backend
+from gpureg.backends import warp_graph
 
 
 def everything(backend, name, channels):
@@ -64,14 +65,14 @@ def everything(backend, name, channels):
 def test_threads_do_not_change_a_bit(monkeypatch, name, channels):
     """Few rows or many, cut along the one axis or the other; a stored graph by its edges."""
     backend = backends.get("warp:cpu")
-    monkeypatch.setattr(warp_backend, "cores", lambda: 1)
+    monkeypatch.setattr(warp_graph, "cores", lambda: 1)
     alone = everything(backend, name, channels)
-    monkeypatch.setattr(warp_backend, "_LEAST_WORK", 16)
+    monkeypatch.setattr(warp_graph, "_LEAST_WORK", 16)
     cut = []
-    run = warp_backend._pool.run
-    monkeypatch.setattr(warp_backend._pool, "run", lambda commands: (cut.append(len(commands)), run(commands)))
+    run = warp_graph._pool.run
+    monkeypatch.setattr(warp_graph._pool, "run", lambda commands: (cut.append(len(commands)), run(commands)))
     for threads in (2, 3, 7):
-        monkeypatch.setattr(warp_backend, "cores", lambda threads=threads: threads)
+        monkeypatch.setattr(warp_graph, "cores", lambda threads=threads: threads)
         assert everything(backend, name, channels) == alone
     assert max(cut) == 4 * 7
 
@@ -95,7 +96,7 @@ def test_what_a_thread_raises_reaches_the_caller():
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        warp_backend._pool.run([Broken() for _ in range(4)])
+        warp_graph._pool.run([Broken() for _ in range(4)])
 
 
 @pytest.mark.parametrize("weighted", [False, True], ids=["unit", "weights"])
@@ -185,7 +186,7 @@ FORKED = """
 import os, sys
 import numpy as np
 from gpureg import backends
-from gpureg.backends import warp
+from gpureg.backends import warp_graph as warp
 from gpureg.graph import GridGraph
 
 warp._LEAST_WORK, warp.cores = 16, lambda: 2

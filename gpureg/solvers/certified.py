@@ -76,7 +76,7 @@ class Certified(Solver):
     >>> f0 = np.array([0, 0, 0.3, 0, 1, 1, 0.8, 1])
     >>> solver = gr.Certified(tol=1e-6)
     >>> result = gr.regularize(f0, gr.GridGraph(8), p=1, lam=4, solver=solver, dtype=float, backend="numpy")
-    >>> result.gap <= 1e-6 * result.energy[-1]
+    >>> bool(result.gap <= 1e-6 * result.energy[-1])
     True
     """
 
@@ -114,6 +114,13 @@ class Certified(Solver):
         name = self.method if self.method != "auto" else "linear" if problem.p == 2 else "dual"
         method = METHODS[name]()
         return _State(method, method.start(problem, initial), 0)
+
+    def resume(self, problem: DeviceProblem, state: _State) -> _State:
+        """From where the method ended, if it is still one for the problem."""
+        suits = isinstance(state.method, Linear) == (problem.p == 2) or self.method != "auto"
+        if not suits or isinstance(state.method, Newton) != (self.method == "newton"):
+            return self.start(problem, state.f)
+        return _State(state.method, state.method.resume(problem, state.inner), 0)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One iteration of the method."""

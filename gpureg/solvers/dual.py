@@ -28,9 +28,10 @@ class _State:
     previous: Array  # of y_previous, to be overwritten by the next
     y: Array
     y_previous: Array
+    p: float  # for which y is a dual variable
     sigma: float
-    t: float  # of the momentum
-    dual: float  # D at the last check
+    t: float = 1.0  # of the momentum
+    dual: float = -math.inf  # D at the last check
     restarts: int = 0
 
 
@@ -48,7 +49,17 @@ class Dual(Method):
         if backend.max_change(weighted, initial, problem.f0) > 0:
             y, y_previous, f = _from_slopes(problem, initial, y, y_previous, f, sigma)
         backend.combine(weighted, 1.0, f, 0.0, f, out=previous)
-        return _State(f, previous, y, y_previous, sigma, 1.0, -math.inf)
+        return _State(f, previous, y, y_previous, problem.p, sigma)
+
+    def resume(self, problem: DeviceProblem, state: _State) -> _State:
+        """From the dual variable that there is; for p = 1, which wants it in the unit ball, it must be one of p = 1."""
+        if problem.p == 1 != state.p:
+            return self.start(problem, state.f)
+        backend, weighted = problem.backend, problem.weighted
+        backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
+        backend.combine(weighted, 1.0, state.f, 0.0, state.f, out=state.previous)
+        # with beta = 0 in the first step, y_previous does not count
+        return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """A proximal step on y and the f that belongs to it, into the buffers of the iterates before the last."""

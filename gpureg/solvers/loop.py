@@ -77,6 +77,10 @@ class Solver(ABC):
     def start(self, problem: DeviceProblem, initial: Array) -> Any:
         """State before the first iteration, whose ``f`` is `initial`."""
 
+    def resume(self, problem: DeviceProblem, state: Any) -> Any:
+        """State before the first iteration, from the end of a run with another p or lam."""
+        return self.start(problem, state.f)
+
     @abstractmethod
     def advance(self, problem: DeviceProblem, state: Any) -> Any:
         """State after one more iteration."""
@@ -95,6 +99,10 @@ class Method(ABC):
     @abstractmethod
     def start(self, problem: DeviceProblem, initial: Array) -> Any:
         """State before the first iteration."""
+
+    def resume(self, problem: DeviceProblem, state: Any) -> Any:
+        """State before the first iteration, from the end of a run with another p or lam."""
+        return self.start(problem, state.f)
 
     @abstractmethod
     def advance(self, problem: DeviceProblem, state: Any) -> Any:
@@ -161,6 +169,7 @@ class Outcome:
     stop: Stop
     course: Course
     method: str
+    state: Any
 
 
 def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
@@ -197,11 +206,13 @@ def run(
     callback: Callback | None,
     report: Callable[[int], None],
     update_weights: int | None = None,
+    resume: Any = None,
 ) -> Outcome:
     """Iterate until a stop: `max_iter`, what the solver makes of `tol`, the callback, or Ctrl-C.
 
     `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
-    from the current iterate, and the solver starts again from there.
+    from the current iterate, and the solver starts again from there. `resume`, the state of an earlier run, stands in
+    the place of `initial`.
 
     Raises
     ------
@@ -210,7 +221,7 @@ def run(
     """
     backend = problem.backend
     course = Course(tol, problem.problem.data_range or 1.0)
-    state, done = solver.start(problem, initial), 0
+    state, done = solver.start(problem, initial) if resume is None else solver.resume(problem, resume), 0
 
     def look() -> Stop | None:
         """Write down how it goes; whether to stop."""
@@ -232,7 +243,7 @@ def run(
         method = solver.describe(state)
         if update_weights is not None:
             method += f", weights computed anew every {update_weights} iteration(s)"
-        return Outcome(problem, state.f, done, stop, course, method + ".")
+        return Outcome(problem, state.f, done, stop, course, method + ".", state)
 
     def is_told_to_stop() -> bool:
         if callback is None:

@@ -11,9 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, Graph, GridGraph
+from ..paths import SETTINGS as _SERIES
+from ..paths import Series
 from ..problem import as_function
 from ..regularization import regularize
 from ..result import Result
+from ..solvers import resolve
 
 # How far from 1 the ratio may end; factor from the first lam at which the search gives up.
 RTOL, _FURTHEST = 0.01, 1e8
@@ -90,9 +93,9 @@ def discrepancy(
     Notes
     -----
     Solves ||f_lam - f0||^2 = n m sigma^2 (Morozov 1966; for total variation Rudin, Osher, Fatemi 1992), n the vertices
-    inside a grid's mask and m the channels, by Brent's method on log lam. With `tol` and p >= 1, where the end does not
-    depend on the start, each run begins at the last one's outcome. The principle smooths more than the least mean
-    squared error asks for; :func:`sure` does better, at two runs for one.
+    inside a grid's mask and m the channels, by Brent's method on log lam. With `tol` (the certified solver has one of
+    its own) and p >= 1, where the end does not depend on the start, each run begins at the last one's outcome. The
+    principle smooths more than the least mean squared error asks for; :func:`sure` does better, at two runs for one.
 
     Examples
     --------
@@ -111,15 +114,17 @@ def discrepancy(
     noise = _noise(sigma, graph, inside)
     unit = math.sqrt(_mean_square(noise, None if noise.size == 1 else inside))
     relative: float | FloatArray = 1.0 if noise.size == 1 else (unit / noise[:, 0]) ** 2
-    p = float(settings.get("p", 2.0))
-    warm = settings.get("tol") is not None and p >= 1
-    last: Result | None = None
+    p = float(settings.pop("p", 2.0))
+    solver = resolve(settings.get("solver", "jacobi"))
+    # where the end does not depend on the start
+    warm = p >= 1 and (settings.get("tol") is not None or solver.tol is not None) and _SERIES.issuperset(settings)
+    series = Series(f0, graph, **settings) if warm else None
     nearest: tuple[float, Result] | None = None
 
     def ratio(scale: float) -> float:
-        nonlocal last, nearest
-        initial = last.value if warm and last is not None else None
-        last = regularize(f0, graph, lam=scale * relative, initial=initial, **settings)
+        nonlocal nearest
+        lam = scale * relative
+        last = regularize(f0, graph, lam=lam, p=p, **settings) if series is None else series.solve(lam, p)
         taken = _mean_square((last.value.reshape(data.shape).astype(np.float64) - data) / noise, inside)
         off = abs(math.log(taken)) if taken > 0 else math.inf
         if nearest is None or off < nearest[0]:

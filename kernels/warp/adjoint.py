@@ -15,12 +15,12 @@ from . import gamma, reals
 
 
 @functools.cache
-def make(access, M):
-    """The kernel for one kind of graph and M channels."""
-    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
+def outflow_around(access, M):
+    """A function that gives the sum at a vertex; the primal function and the duality gap use it too."""
+    real, Graph, Place = access.real, access.Graph, access.Place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at, opposite_at, function = access.edge_at, access.opposite_at, reals.vector(real, M)
-    value_at, put = reals.reading(function, 3), reals.writing(function)
+    value_at = reals.reading(function, 3)
     own = gamma.make(real, access.directed, M, 1).own
 
     @wp.func
@@ -36,6 +36,15 @@ def make(access, M):
                 total += own(edge(graph, u, i, v)) * outward
             i += 1
         return total
+
+    return around
+
+
+@functools.cache
+def make(access, M):
+    """The kernel for one kind of graph and M channels."""
+    Graph, place, function = access.Graph, access.place, reals.vector(access.real, M)
+    put, around = reals.writing(function), outflow_around(access, M)
 
     @wp.kernel(module="unique", enable_backward=False)
     def adjoint(

@@ -157,3 +157,34 @@ def per_vertex(real, Place, is_array):
             return x
 
     return argument, value_at
+
+
+@functools.cache
+def divided(real, M, over):
+    """The type of an argument to divide by, of 1 channel or M, or a number (0), and a function that divides by it.
+
+    What is divided by infinity is 0.
+    """
+    function = vector(real, M)
+    argument = wp.array2d(dtype=vector(real, over)) if over else real
+    at = reading(vector(real, over)) if over else None
+
+    if over == 0:
+
+        @wp.func
+        def quotient(x: function, by: real, row: int, k: int) -> function:
+            return x / by
+
+    elif over == 1:
+
+        @wp.func
+        def quotient(x: function, by: argument, row: int, k: int) -> function:
+            return x / at(by, row, k)[0]
+
+    else:
+
+        @wp.func
+        def quotient(x: function, by: argument, row: int, k: int) -> function:
+            return wp.cw_div(x, at(by, row, k))
+
+    return argument, quotient

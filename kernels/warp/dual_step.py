@@ -1,0 +1,101 @@
+"""prox of sigma phi* at z(u, .) = y + beta (y - y_previous) + sigma d_w(f + beta (f - f_previous))
+
+x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.py). Edge norm: r = |z(u, v)|, one edge for itself.
+
+One work item: the edges of one vertex, which alone it reads and writes. A norm over all edges needs them twice: z waits
+in the place of the result.
+Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid
+finds all but 2 M in the cache, on CSR also D indices; writes D M numbers.
+"""
+
+import functools
+
+import warp as wp
+
+from . import gamma, prox, reals
+
+
+@functools.cache
+def make(access, M, G, case, edge_norm):
+    """The kernel for one kind of graph, M channels, G norms and a case of prox.py."""
+    real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
+    begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
+    edge_at = access.edge_at
+    channels = reals.make(real, M, G)
+    function, norm, squared, scaled = channels.function, channels.norm, channels.squared, channels.scaled
+    at = reals.reading(function)
+    edge_value, put = reals.reading(function, 3), reals.writing(function, 3)
+    of = gamma.make(real, access.directed, M, 1)
+    difference, derived = of.difference, of.derived
+    factor = prox.make(real, case, edge_norm).factor
+
+    @wp.func
+    def factors(square: norm, sigma: real, p: real, eps: real) -> norm:
+        result = norm()
+        for c in range(G):
+            result[c] = factor(square[c], sigma, p, eps)
+        return result
+
+    @wp.func
+    def ahead(f: wp.array2d(dtype=function), f_previous: wp.array2d(dtype=function), beta: real, u: Place) -> function:
+        here = at(f, u[0], u[1])
+        return here + beta * (here - at(f_previous, u[0], u[1]))
+
+    @wp.func
+    def step(
+        graph: Graph,
+        y: wp.array3d(dtype=function),
+        f: wp.array2d(dtype=function),
+        f_previous: wp.array2d(dtype=function),
+        beta: real,
+        sigma: real,
+        p: real,
+        eps: real,
+        out: wp.array3d(dtype=function),
+        u: Place,
+    ):
+        here = ahead(f, f_previous, beta, u)
+        square = norm()
+        i = begin(graph, u)
+        last = end(graph, u)
+        while i < last:
+            v = neighbour(graph, u, i)
+            k = edge_at(u, i)
+            z = function()
+            if exists(graph, v):
+                e = edge(graph, u, i, v)
+                y_e = edge_value(y, k[0], k[1], k[2])
+                d = derived(e, difference(e, here, ahead(f, f_previous, beta, v)))
+                z = y_e + beta * (y_e - edge_value(out, k[0], k[1], k[2])) + sigma * d
+            if wp.static(edge_norm):
+                z = scaled(factors(squared(z), sigma, p, eps), z)
+            else:
+                square += squared(z)
+            put(out, k[0], k[1], k[2], z)
+            i += 1
+        if wp.static(not edge_norm):
+            share = factors(square, sigma, p, eps)
+            i = begin(graph, u)
+            while i < last:
+                k = edge_at(u, i)
+                put(out, k[0], k[1], k[2], scaled(share, edge_value(out, k[0], k[1], k[2])))
+                i += 1
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def dual_step(
+        graph: Graph,
+        y: wp.array3d(dtype=function),  # M channels per directed edge
+        f: wp.array2d(dtype=function),  # M channels
+        f_previous: wp.array2d(dtype=function),  # M channels
+        beta: real,
+        sigma: real,
+        p: real,
+        eps: real,
+        first: wp.vec2i,  # row and x of the launch's first work item
+        # y's predecessor, and output
+        out: wp.array3d(dtype=function),  # M channels per directed edge
+    ):
+        i, j = wp.tid()
+        step(graph, y, f, f_previous, beta, sigma, p, eps, out, place(graph, first[0] + i, first[1] + j))
+
+    return dual_step

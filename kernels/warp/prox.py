@@ -1,0 +1,153 @@
+"""length(r) = the t >= 0 with sigma t + share phi'(t) = r,   phi(t) = (t^2 + eps^2)^(p/2) / p
+
+s = r - sigma length(r) is the length of the proximal step of sigma (share phi)* from a point r away from 0, and with
+sigma = 0 it is where the conjugate (share phi)*(s) = s t - share phi(t) has its maximum. `case` says what is compiled:
+
+  "newton"   any p >= 1, eps >= 0     "ball"   p = 1, eps = 0     "square"   p = 2     "power"   p > 1, eps = 0
+
+The second and third have closed forms, the last one for the conjugate. Newton's method starts on the side from which it
+goes straight there: phi' is concave for p < 2, so below, and convex for p > 2, so above.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from . import reals
+
+# Newton steps at most; they stop once they turn back, which is rounding.
+_STEPS = wp.constant(60)
+
+
+@dataclass(frozen=True, eq=False)
+class Prox:
+    """Functions of the square of a length, of one number of a norm.
+
+    factor(square, sigma, p, eps)
+        what a proximal step multiplies z with; for p = 1 it leads a little inside the ball
+    duality(square, dual, product, p, eps)
+        share phi + (share phi)* - product, for |d|^2, |y|^2 and <d, y>
+    """
+
+    factor: Any
+    duality: Any
+
+
+@functools.cache
+def make(real, case, edge_norm):
+    """The functions for one case; an edge has two ends, so that with the edge norm the share is 1/2."""
+    raise_ = reals.raising(real)
+    share = wp.constant(real(0.5 if edge_norm else 1.0))
+    rounding = wp.constant(real(2.220446049250313e-16 if real == wp.float64 else 1.1920929e-7))
+    tiny = wp.constant(real(2.2250738585072014e-308 if real == wp.float64 else 1.17549435e-38))
+    largest = wp.constant(real(1.7976931348623157e308 if real == wp.float64 else 3.4028235e38))
+    ball = wp.constant(real((0.5 if edge_norm else 1.0) * (1 - 32 * float(rounding))))
+    one, two, zero = wp.constant(real(1.0)), wp.constant(real(2.0)), wp.constant(real(0.0))
+
+    @wp.func
+    def length(r: real, sigma: real, p: real, eps: real) -> real:
+        if not r > zero:
+            return zero
+        whole = r / share
+        t = real(0.0)
+        if p < two:
+            # of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
+            least = whole
+            if sigma > zero:
+                least = whole / two
+            if eps > zero:
+                t = least * raise_(eps, two - p)
+            if p > one:
+                t = wp.max(t, raise_(least, one / (p - one)))
+            if sigma > zero:
+                t = wp.min(t, r / (two * sigma))
+            if p == one:
+                t = wp.max(t, (r - share) / sigma)
+        else:
+            # neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
+            t = raise_(whole, one / (p - one))
+            if eps > zero:
+                t = wp.min(t, whole * raise_(eps, two - p))
+            if sigma > zero:
+                t = wp.min(t, r / sigma)
+        t = wp.min(wp.max(t, tiny), largest)
+        k = 0
+        while k < _STEPS:
+            square = t * t + eps * eps
+            g = real(0.0)
+            ratio = real(1.0)
+            if square > zero and square <= largest:
+                g = raise_(square, (p - two) / two)
+                ratio = t * t / square
+            rise = sigma + share * g * (one + (p - two) * ratio)
+            step = real(0.0)
+            if rise > zero:
+                step = (sigma * t + share * g * t - r) / rise
+            moved = wp.max(t - step, zero)
+            ahead = t - moved
+            if p < two:
+                ahead = moved - t
+            if not ahead > two * rounding * t:
+                return moved
+            t = moved
+            k += 1
+        return t
+
+    if case == "ball":
+
+        @wp.func
+        def factor(square: real, sigma: real, p: real, eps: real) -> real:
+            if square > ball * ball:
+                return ball / wp.sqrt(square)
+            return one
+
+        @wp.func
+        def conjugate(square: real, p: real, eps: real) -> real:
+            return zero
+
+    elif case == "square":
+
+        @wp.func
+        def factor(square: real, sigma: real, p: real, eps: real) -> real:
+            return share / (sigma + share)
+
+        @wp.func
+        def conjugate(square: real, p: real, eps: real) -> real:
+            return square / (two * share) - share * eps * eps / two
+
+    else:
+
+        @wp.func
+        def factor(square: real, sigma: real, p: real, eps: real) -> real:
+            r = wp.sqrt(wp.min(square, largest))
+            if not r > zero:
+                return one
+            s = wp.max(r - sigma * length(r, sigma, p, eps), zero)
+            if p == one:
+                s = wp.min(s, ball)
+            return s / r
+
+        if case == "power":
+
+            @wp.func
+            def conjugate(square: real, p: real, eps: real) -> real:
+                q = p / (p - one)
+                return share * raise_(square / (share * share), q / two) / q
+
+        else:
+
+            @wp.func
+            def conjugate(square: real, p: real, eps: real) -> real:
+                if p == one:
+                    return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
+                s = wp.sqrt(square)
+                t = length(s, zero, p, eps)
+                return s * t - share * raise_(t * t + eps * eps, p / two) / p
+
+    @wp.func
+    def duality(square: real, dual: real, product: real, p: real, eps: real) -> real:
+        return share * raise_(square + eps * eps, p / two) / p + conjugate(dual, p, eps) - product
+
+    return Prox(factor, duality)
