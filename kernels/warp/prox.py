@@ -73,7 +73,7 @@ def make(real, case, edge_norm):
             if sigma > zero:
                 t = wp.min(t, r / sigma)
         t = wp.min(wp.max(t, tiny), largest)
-        k = int(0)
+        k = int(0)  # noqa: RUF046, a variable: a bare 0 is a constant, which a loop may not change
         while k < _STEPS:
             square = t * t + eps * eps
             g = real(0.0)
