@@ -24,6 +24,8 @@ import cases
 import numpy as np
 
 from gpureg.backends import PatchForm
+from gpureg.backends.numpy_optimize import conjugate
+from gpureg.backends.numpy_optimize import length as length_of
 from gpureg.graph import FloatArray, Graph
 
 DIVISION, EXP, POW = 5, 6, 32  # in units of u
@@ -172,3 +174,186 @@ class Bounds:
         similarity = spatial * np.exp(-exponent)
         off = (1 + np.expm1(exponent_off)) * (1 + self.gamma(EXP + 2)) - 1
         return self.slack * (off * similarity + np.finfo(self.dtype).tiny * (spatial > 0))
+
+
+class DualBounds:
+    """Bounds of the certified solvers' primitives, for one graph with its gamma, in one type.
+
+    `rows` and `columns` are the ends u and v of the edges, `own` and `other` gamma(u, v) and gamma(v, u), (n_edges, 1).
+    A coupled norm adds the channels; `edge_norm` takes every edge for itself. Where gamma = sqrt(w), a difference is
+    sqrt(w) (f(v) - f(u)): 8 roundings of the result (root 6). Where `directed`, it is one of two products: 2 of their
+    sizes.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        rows: FloatArray,
+        columns: FloatArray,
+        own: FloatArray,
+        other: FloatArray,
+        *,
+        directed: bool,
+        coupled: bool,
+        edge_norm: bool,
+        dtype: str,
+    ) -> None:
+        self.n, self.rows, self.columns, self.own, self.other = n, rows, columns, own, other
+        self.directed, self.coupled, self.edge_norm = directed, coupled, edge_norm
+        self.u, self.dtype = cases.UNIT_ROUNDOFF[dtype], np.dtype(dtype)
+        self.slack = 1 + cases.UNIT_ROUNDOFF["float64"] / self.u
+        self.neighbours = np.bincount(rows, minlength=n)[:, None]
+        self.share = 0.5 if edge_norm else 1.0
+
+    def gamma(self, k: float | np.ndarray) -> np.ndarray:
+        """Relative error of k roundings."""
+        k = np.asarray(k, float)
+        return k * self.u / (1 - k * self.u)
+
+    def around(self, H: FloatArray) -> FloatArray:
+        """Sums over the edges of each vertex, (n, m)."""
+        return np.stack([np.bincount(self.rows, column, minlength=self.n) for column in H.T], axis=1)
+
+    def norms(self, square: FloatArray) -> FloatArray:
+        """The sums that belong to one norm, of a function on the edges."""
+        if self.coupled:
+            square = square.sum(axis=1, keepdims=True)
+        return square if self.edge_norm else self.around(square)
+
+    def terms(self, channels: int) -> FloatArray | float:
+        """How many terms a norm has at most."""
+        shared = channels if self.coupled else 1
+        return float(shared) if self.edge_norm else self.neighbours * shared
+
+    def difference(self, f: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """d_w(f) on the edges, and its error."""
+        d = self.other * f[self.columns] - self.own * f[self.rows]
+        sizes = self.other * np.abs(f[self.columns]) + self.own * np.abs(f[self.rows])
+        return d, self.gamma(3) * sizes if self.directed else self.gamma(8) * np.abs(d)
+
+    def adjoint(self, y: FloatArray, opposite: FloatArray) -> FloatArray:
+        """The error: a root, a difference and a product (8), then the additions, at most one per neighbour."""
+        sizes = self.around(self.own * (np.abs(y[opposite]) + np.abs(y)))
+        return self.gamma(8 + self.neighbours) * sizes
+
+    def dot(self, a: FloatArray, b: FloatArray, over: float | FloatArray) -> float:
+        """A product and a division a term; the sum in float64, or with compensation: see :meth:`Bounds.energy`."""
+        total = np.abs(a * b / over).sum()
+        return self.slack * float(total * (self.gamma(1 + DIVISION) + 4 * self.u + self.n * 2.0**-53))
+
+    def combine(self, a: float, x: FloatArray, b: float, y: FloatArray, over: float | FloatArray) -> FloatArray:
+        """2 products, a division and an addition."""
+        return self.slack * self.gamma(3 + DIVISION) * (np.abs(a * x) + np.abs(b * y / over))
+
+    def gradient(self, f: FloatArray, f0: FloatArray, g: FloatArray | None, lam: FloatArray, p: float, eps: float):
+        """Lam (f - f0) has 3 roundings with the last addition, the flow's terms 5 and one per neighbour.
+
+        The conductances of the edge norm are found on the way: of q, a sum of M squares and eps^2, the power
+        (p - 2)/2, which magnifies the error of q by |p - 2|/2.
+        """
+        d, off = self.difference(f)
+        lam = np.where(np.isinf(lam), 0, lam)
+        if self.edge_norm:
+            q = self.norms(d**2) + eps**2
+            q_off = self.gamma(self.terms(f.shape[1]) + 3) * q + self.norms(2 * np.abs(d) * off + off**2)
+            conductance = q ** ((p - 2) / 2)
+            low, high = np.maximum(q - q_off, eps**2) ** ((p - 2) / 2), (q + q_off) ** ((p - 2) / 2)
+            conductance_off = np.maximum(np.abs(low - conductance), np.abs(high - conductance))
+            conductance_off = conductance_off + self._power(q, (p - 2) / 2) * np.maximum(low, high)
+        else:
+            conductance = np.full((len(d), 1), 2.0) if g is None else g[self.rows] + g[self.columns]
+            conductance_off = np.zeros_like(conductance)
+        flow_off = self.own * (conductance * off + conductance_off * (np.abs(d) + off))
+        flow_off = flow_off + self.gamma(8) * self.own * conductance * np.abs(d)
+        total = self.around(self.own * conductance * np.abs(d)) + lam * np.abs(f - f0)
+        return self.slack * (self.around(flow_off) + self.gamma(self.neighbours + 4) * total)
+
+    def _power(self, q: FloatArray, power: float) -> FloatArray:
+        """Relative error of pow itself and of its exponent, rounded to the type."""
+        return self.gamma(POW) + self.u * abs(power) * np.abs(np.log(np.where(q > 0, q, 1)))
+
+    def dual_step(
+        self,
+        y: FloatArray,
+        previous: FloatArray,
+        f: FloatArray,
+        f_previous: FloatArray,
+        beta: float,
+        sigma: float,
+        p: float,
+    ) -> FloatArray:
+        """The prox moves two points nowhere farther apart: what z is off goes through, measured by the norm.
+
+        z: 3 roundings on y and its predecessor, 4 on sigma d_w; f* is off by 3, and so is what its difference sees of
+        it. r: a root (6) of a sum of squares. Then sigma t + share phi'(t) = r is solved for a value that is off by
+        pow's error and a few roundings of r, say k r u; sigma + share phi'' >= sigma divides that, so s = r - sigma t
+        is off by no more than k r u, and z s/r by k u |z|. k counts pow, its exponent (log q below 64 in all tests
+        here, times |p - 2|/2), Newton's last step (4), the sums (8). p = 1 keeps 64 u below the unit ball.
+        """
+        beyond = f + beta * (f - f_previous)
+        beyond_off = self.gamma(3) * ((1 + beta) * np.abs(f) + beta * np.abs(f_previous))
+        d, off = self.difference(beyond)
+        off = off + (1 + self.gamma(8)) * (self.other * beyond_off[self.columns] + self.own * beyond_off[self.rows])
+        z = y + beta * (y - previous) + sigma * d
+        sizes = (1 + beta) * np.abs(y) + beta * np.abs(previous) + sigma * np.abs(d)
+        z_off = self.gamma(4) * sizes + sigma * off
+        moved = np.sqrt(self.norms(z_off**2))
+        length = self.gamma(np.asarray(self.terms(y.shape[1])) + 7)
+        k = 12 + DIVISION + (0 if p == 2 else POW + 64 * abs(p - 2) / 2) + (66 if p == 1 else 0)
+        if not self.edge_norm:
+            moved, length = moved[self.rows], length[self.rows]
+        return self.slack * (moved + z_off + (2 * length + self.gamma(k)) * np.abs(z))
+
+    def primal(self, y: FloatArray, opposite: FloatArray, f0: FloatArray, lam: FloatArray) -> FloatArray:
+        """The adjoint, a division and a subtraction."""
+        sizes = self.around(self.own * (np.abs(y[opposite]) + np.abs(y)))
+        bound = (self.adjoint(y, opposite) * (1 + self.gamma(6)) + self.gamma(DIVISION + 1) * sizes) / lam
+        return self.slack * np.where(np.isinf(lam), 0, bound + self.u * np.abs(f0))
+
+    def duality_gap(
+        self,
+        f: FloatArray,
+        y: FloatArray,
+        opposite: FloatArray,
+        f0: FloatArray,
+        lam: FloatArray,
+        p: float,
+        eps: float,
+    ) -> float:
+        """Term by term, before they cancel.
+
+        phi and phi* rise, so that what their arguments are off bounds what they are off; each then has pow's error,
+        phi* twice of s t - share phi(t): what t is off counts to second order there. 4 roundings for their sum.
+        """
+        d, off = self.difference(f)
+        count = np.asarray(self.terms(f.shape[1]))
+        q = self.norms(d**2) + eps**2
+        q_off = self.gamma(count + 3) * q + self.norms(2 * np.abs(d) * off + off**2)
+        high, low = (q + q_off) ** (p / 2), np.maximum(q - q_off, 0) ** (p / 2)
+        primal = self.share * high / p
+        primal_off = primal - self.share * low / p + (self._power(q, p / 2) + self.gamma(DIVISION + 3)) * primal
+        s = np.sqrt(self.norms(y**2))
+        s_off = self.gamma(count + 7) * s
+        above = conjugate(s + s_off, self.share, p, eps)
+        below = conjugate(np.maximum(s - s_off, 0), self.share, p, eps)
+        if p == 1:
+            size = np.full_like(s, self.share * eps)  # the root of 1 - s^2, of a number that is off by a few u
+            dual_off = above - below + size * np.sqrt(self.gamma(8)) * (s > 0.99 * self.share) + self.gamma(80) * size
+        else:
+            t = length_of(s, 0.0, self.share, p, eps)
+            size = s * t + self.share * (t**2 + eps**2) ** (p / 2) / p
+            exponents = self._power(s / self.share, p / (p - 1)) + self._power(t**2 + eps**2, p / 2)
+            dual_off = above - below + (exponents + self.gamma(POW + 20)) * size
+        pairs = self.norms(np.abs(d * y))
+        pairs_off = self.norms(off * np.abs(y)) + self.gamma(count + 2) * pairs
+        at_norms = primal_off + dual_off + pairs_off + self.gamma(4) * (primal + size + pairs)
+        free = ~np.isinf(lam)
+        lam = np.where(free, lam, 1)
+        pull = self.around(self.own * (y[opposite] - y))
+        residual = lam * (f - f0) + pull
+        residual_off = self.adjoint(y, opposite) + self.gamma(4) * (lam * np.abs(f - f0) + np.abs(pull))
+        unmet = (2 * np.abs(residual) * residual_off + residual_off**2) / (2 * lam)
+        unmet = unmet + self.gamma(f.shape[1] + 4 + DIVISION) * residual**2 / (2 * lam)
+        parts = float(at_norms.sum() + np.where(free, unmet, 0).sum())
+        total = float((primal + size + pairs).sum() + np.where(free, residual**2 / (2 * lam), 0).sum())
+        return self.slack * (parts + total * (4 * self.u + self.n * 2.0**-53))

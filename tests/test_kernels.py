@@ -9,7 +9,7 @@ import pytest
 from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
-PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip"}
+PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
 # Parts of one language alone; kernels/README.md says why.
 WARP_PARTS = {"pack"}
 # Several primitives at once, in the one language that needs it; kernels/README.md says why.
@@ -19,7 +19,12 @@ INCLUDES = {
     "aggregate": ("grid.cl", "reals.cl"),
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
+    "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
+    "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
+    "gradient": ("conductance.cl", "grid.cl", "csr.cl", "reals.cl"),
 }
+# A kernel whose primitive's name is a built-in function of the language.
+KERNELS = {"dot": "dot_product"}
 PRIMITIVES = sorted(path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS | FUSED)
 
 
@@ -27,15 +32,21 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
     assert PRIMITIVES == [
         "adjoint",
         "aggregate",
+        "combine",
         "degree",
         "difference",
+        "dot",
+        "dual_step",
+        "duality_gap",
         "energy",
         "euler_step",
+        "gradient",
         "gradient_norm",
         "jacobi_step",
         "max_change",
         "p_laplacian",
         "patch_distance",
+        "primal",
         "similarity_step",
     ]
     for name in (*PRIMITIVES, *FUSED):
@@ -105,7 +116,7 @@ def test_a_kernel_compiles_alone(primitive, options):
 
     device = backends.get("opencl").device.handle
     program = cl.Program(cl.Context([device]), kernels.opencl_source(primitive)).build(options)
-    assert [kernel.function_name for kernel in program.all_kernels()] == [primitive]
+    assert [kernel.function_name for kernel in program.all_kernels()] == [KERNELS.get(primitive, primitive)]
 
 
 def test_a_missing_source_is_named():

@@ -1,0 +1,341 @@
+"""The certified solvers' primitives in numpy (float64) against literal loops, and against what they must mean."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import cases
+import duality
+import numpy as np
+import paper
+import pytest
+from numpy.testing import assert_array_equal
+from test_paper import CHANNELS, Form, assert_close, both_forms, literal, oracle  # noqa: F401, a fixture
+
+from gpureg.graph import Graph, GridGraph
+
+P = (1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
+BETA, SIGMA = 0.375, 0.7
+
+some_graphs = pytest.mark.parametrize("name", ["small row", "small masked", "small csr", "pixel", "csr, one vertex"])
+channel_kinds = pytest.mark.parametrize(("channels", "coupled"), CHANNELS)
+both_norms = pytest.mark.parametrize("edge_norm", [False, True], ids=["vertex", "edge"])
+
+
+class Setting:
+    """A graph with its gamma, functions on its vertices and edges, as arrays and as dictionaries."""
+
+    def __init__(self, backend, name, channels, coupled, directed):
+        form = Form(backend, name, directed)
+        case = form.case
+        if not directed and not isinstance(case.graph, GridGraph):
+            # stored edges of weight 0 are edges for d_w, with gamma = 0
+            form.gamma = {e: form.gamma.get(e, 0.0) for e in form.edges}
+        self.form, self.graph, self.weighted = form, case.graph, form.weighted
+        self.V, self.E, self.gamma = case.V, form.E, form.gamma
+        self.coupled, self.channels = coupled, channels
+        n = self.graph.n_vertices
+        self.f, self.f0, self.f_before = (cases.function(self.graph, channels, seed) for seed in (11, 13, 17))
+        self.y, self.before = (self._on_edges(seed) for seed in (19, 23))
+        lam = 0.5 + cases.rng(29).random((n, 1))
+        some = lam.copy()
+        some[1::4] = np.inf
+        self.lams = (0.75, lam, some, math.inf)
+
+    def _on_edges(self, seed):
+        H = 2 * cases.rng(seed).random((len(self.form.edges), self.channels)) - 1
+        # where gamma is 0 both ways there is no edge: solvers leave a 0 there
+        there = [self.gamma[u, v] > 0 or self.gamma[v, u] > 0 for u, v in self.form.edges]
+        return H * np.array(there, float).reshape(-1, 1)
+
+    def functions(self, f):
+        return self.form.case.functions(f)
+
+    def column(self, number):
+        return self.functions(np.broadcast_to(number, (self.graph.n_vertices, 1)).astype(float))[0]
+
+    def host(self, H):
+        return self.form.to_host(H)
+
+    def edge_functions(self, H):
+        return [dict(zip(self.form.edges, column, strict=True)) for column in H.T.tolist()]
+
+    def edge_array(self, Hs):
+        rows = [[H[e] for H in Hs] for e in self.form.edges]
+        return np.array(rows, float).reshape(len(rows), self.channels)
+
+    def inside(self, H, edge_norm, radius):
+        """H, scaled where that is needed to lengths of at most `radius`."""
+        Hs = self.edge_functions(H)
+        lengths = duality.lengths(self.V, self.E, Hs, self.coupled, edge_norm)
+        scaled = [
+            {(u, v): one[u, v] * min(1, radius / max(length[(u, v) if edge_norm else u], 1e-9)) for u, v in one}
+            for one, length in zip(Hs, lengths, strict=True)
+        ]
+        return self.edge_array(scaled)
+
+    def settings(self, p, eps, edge_norm):
+        return {"p": p, "eps": eps, "coupled": self.coupled, "edge_norm": edge_norm}
+
+
+@pytest.fixture
+def setting(oracle, name, channels, coupled, directed):  # noqa: F811
+    return Setting(oracle, name, channels, coupled, directed)
+
+
+# Vectors
+
+
+@some_graphs
+@channel_kinds
+@pytest.mark.parametrize("directed", [False])
+def test_dot_and_combine(oracle, setting):  # noqa: F811
+    """`over` a number, a column, one value a channel; infinite ones; the output in the place of either input."""
+    s = setting
+    x, y, xs, ys = s.f, s.f0, s.functions(s.f), s.functions(s.f0)
+    each = 0.5 + cases.rng(31).random(x.shape)
+    each[::3] = np.inf
+    for over in (*s.lams, each):
+        overs = s.functions(np.broadcast_to(over, x.shape).astype(float))
+        found = oracle.dot(s.weighted, x, y, over=over)
+        assert isinstance(found, float)
+        assert_close(found, duality.dot(s.V, xs, ys, overs), scale=np.abs(x * y).sum())
+        expected = s.form.case.array(duality.combine(s.V, -0.75, xs, 1.5, ys, overs))
+        assert_close(oracle.combine(s.weighted, -0.75, x, 1.5, y, over=over), expected)
+        for place in (0, 1):
+            pair = [x.copy(), y.copy()]
+            back = oracle.combine(s.weighted, -0.75, pair[0], 1.5, pair[1], over=over, out=pair[place])
+            assert back is pair[place]
+            assert_close(back, expected)
+    assert oracle.dot(s.weighted, x, y, over=math.inf) == 0
+    assert oracle.dot(s.weighted, x, y) == pytest.approx(float((x * y).sum()), rel=1e-12)
+
+
+# The gradient
+
+
+@both_norms
+@both_forms
+@some_graphs
+@channel_kinds
+def test_gradient(oracle, setting, edge_norm):  # noqa: F811
+    s = setting
+    fs, f0s = s.functions(s.f), s.functions(s.f0)
+    for p, eps in [*itertools.product(P, [cases.EPS]), (2.0, 0.0), (3.0, 0.0)]:
+        # eps = 0 where p < 2 has no derivative: the functions are flat somewhere
+        g = oracle.conductances(s.weighted, s.f, **s.settings(p, eps, edge_norm))
+        norms = (
+            paper.edge_norms(s.E, s.gamma, fs, eps, s.coupled)
+            if edge_norm
+            else paper.norms(s.V, s.E, s.gamma, fs, eps, s.coupled)
+        )
+        for lam in s.lams[::2]:
+            found = duality.gradient(s.V, s.E, s.gamma, fs, f0s, s.column(lam), p, norms, edge_norm)
+            out = np.full_like(s.f, np.nan)
+            assert oracle.gradient(s.weighted, s.f, s.f0, g, lam, out=out) is out
+            assert_close(out, s.form.case.array(found))
+        found = duality.gradient(s.V, s.E, s.gamma, fs, None, s.column(0.75), p, norms, edge_norm)
+        assert_close(oracle.gradient(s.weighted, s.f, None, g, 0.75), s.form.case.array(found))
+
+
+@both_norms
+@both_forms
+@channel_kinds
+@pytest.mark.parametrize("name", ["small row", "small csr"])
+def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm):  # noqa: F811
+    """By central differences.
+
+    With eps = 1/4 and steps of h = 1e-3 the five-point formula is off by h^4/30 times a fifth derivative of the order
+    of eps^-4 times the gradient, 1e-11 of it, and by the energy's rounding over h, about 1e-12: 1e-8 leaves room.
+    """
+    s, h = setting, 1e-3
+    lam = s.lams[2]
+    free = np.broadcast_to(np.isfinite(lam), s.f.shape)
+    f = np.where(free, s.f, s.f0)
+    for p in P:
+        settings = s.settings(p, 0.25, edge_norm)
+
+        def energy_at(index, step, settings=settings):
+            moved = f.copy()
+            moved[index] += step
+            return oracle.energy(s.weighted, moved, s.f0, lam, **settings)
+
+        numeric = np.zeros_like(f)
+        for index in np.argwhere(free):
+            at = tuple(index)
+            near, far = energy_at(at, h) - energy_at(at, -h), energy_at(at, 2 * h) - energy_at(at, -2 * h)
+            numeric[at] = (8 * near - far) / (12 * h)
+        g = oracle.conductances(s.weighted, f, **settings)
+        found = oracle.gradient(s.weighted, f, s.f0, g, lam)
+        assert np.abs(found - numeric).max() <= 1e-8 * np.abs(found).max()
+        assert not found[~free].any()
+
+
+# The dual step
+
+
+@both_norms
+@both_forms
+@some_graphs
+@channel_kinds
+def test_dual_step(oracle, setting, edge_norm):  # noqa: F811
+    """Against the equation of the prox solved by halving; lengths from 0 over the unit ball's to several times that.
+
+    For p = 1 the house's limit of share (1 - 32 u) is within the tolerance.
+    """
+    s = setting
+    for scale, (p, eps) in itertools.product((0.25, 4.0), itertools.product(P, (0.0, 0.125))):
+        y, before = scale * s.y, scale * s.before
+        vectors = (s.edge_functions(y), s.edge_functions(before), s.functions(s.f), s.functions(s.f_before))
+        z = duality.extrapolated(s.E, s.gamma, *vectors, BETA, SIGMA)
+        expected = s.edge_array(duality.prox(s.V, s.E, z, SIGMA, p, eps, s.coupled, edge_norm))
+        place = s.host(before).copy()
+        step = {"beta": BETA, "sigma": SIGMA, **s.settings(p, eps, edge_norm)}
+        back = oracle.dual_step(s.weighted, s.host(y), place, s.f, s.f_before, **step)
+        assert back is place
+        assert_close(s.form.from_host(back), expected, scale=max(1, np.abs(s.edge_array(z)).max(initial=0)))
+        assert_close(back.sum(), s.form.from_host(back).sum(), scale=np.abs(back).sum())  # 0 where no edge is
+        if p == 1:
+            found = s.edge_functions(s.form.from_host(back))
+            lengths = duality.lengths(s.V, s.E, found, s.coupled, edge_norm)
+            assert all(r <= (0.5 if edge_norm else 1) for length in lengths for r in length.values())
+
+
+@both_norms
+@channel_kinds
+@pytest.mark.parametrize("directed", [False])
+@pytest.mark.parametrize("name", ["small csr"])
+def test_dual_step_minimises(oracle, setting, edge_norm):  # noqa: F811
+    """The minimiser x of an objective J that is 1-strongly convex has J(x') - J(x) >= |x' - x|^2/2 for every x'."""
+    s, share = setting, 0.5 if edge_norm else 1.0
+    for p, eps in itertools.product(P, (0.0, 0.25)):
+
+        def objective(x, z, p=p, eps=eps):
+            phi = duality.conjugates(s.V, s.E, s.edge_functions(x), p, eps, s.coupled, edge_norm)
+            return ((x - z) ** 2).sum() / 2 + SIGMA * phi
+
+        step = {"beta": 0.0, "sigma": SIGMA, **s.settings(p, eps, edge_norm)}
+        x = oracle.dual_step(s.weighted, s.y, s.before.copy(), s.f, s.f, **step)
+        z = s.y + SIGMA * oracle.difference(s.weighted, s.f)
+        least = objective(x, z)
+        for seed, size in ((3, 1e-3), (5, 0.1), (7, 1.0)):
+            other = x + size * (cases.rng(seed).random(x.shape) - 0.5)
+            if p == 1:
+                other = s.inside(other, edge_norm, share)
+                other *= 1 - 1e-15  # inside in spite of the roundings
+            assert objective(other, z) - least >= ((other - x) ** 2).sum() / 2 - 1e-12 * abs(least)
+
+
+# The primal function, the gap
+
+
+@both_forms
+@some_graphs
+@channel_kinds
+def test_primal(oracle, setting):  # noqa: F811
+    """Against loops, and against what it is: the minimiser of <d_w f, y> + lam/2 |f - f0|^2 over f."""
+    s = setting
+    for lam in s.lams:
+        out = np.full_like(s.f, np.nan)
+        assert oracle.primal(s.weighted, s.host(s.y), s.f0, lam, out=out) is out
+        expected = duality.primal(s.V, s.E, s.gamma, s.edge_functions(s.y), s.functions(s.f0), s.column(lam))
+        assert_close(out, s.form.case.array(expected))
+        column = np.broadcast_to(lam, (s.graph.n_vertices, 1))
+        pinned = np.isinf(column)
+        assert_array_equal(out[pinned[:, 0]], s.f0[pinned[:, 0]])
+        weight = np.where(pinned, 0, column)
+
+        def lagrangian(f, weight=weight):
+            pairing = (oracle.difference(s.weighted, f) * s.host(s.y)).sum()
+            return pairing + (weight / 2 * (f - s.f0) ** 2).sum()
+
+        other = np.where(pinned, s.f0, s.f)
+        rise = lagrangian(other) - lagrangian(out)
+        # a quadratic rises from its minimum by exactly this
+        assert_close(
+            rise, (weight / 2 * (other - out) ** 2).sum(), scale=1 + np.abs(s.y).sum() + (weight * s.f**2).sum()
+        )
+
+
+@both_norms
+@both_forms
+@some_graphs
+@channel_kinds
+def test_duality_gap(oracle, setting, edge_norm):  # noqa: F811
+    """Never below 0, and the energy minus the dual energy, each taken by itself."""
+    s, share = setting, 0.5 if edge_norm else 1.0
+    for p, eps in itertools.product(P, (0.0, 0.125)):
+        y = s.inside(s.y, edge_norm, 0.95 * share) if p == 1 else s.y
+        ys, f0s = s.edge_functions(y), s.functions(s.f0)
+        for lam in s.lams[::2]:
+            f = np.where(np.isinf(np.broadcast_to(lam, (len(s.f), 1))), s.f0, s.f)
+            fs, lams = s.functions(f), s.column(lam)
+            energy = paper.energy(s.V, s.E, s.gamma, fs, f0s, lams, p, eps, s.coupled, edge_norm)
+            below = duality.dual_energy(s.V, s.E, s.gamma, ys, f0s, lams, p, eps, s.coupled, edge_norm)
+            gap = oracle.duality_gap(s.weighted, f, s.host(y), s.f0, lam, **s.settings(p, eps, edge_norm))
+            assert isinstance(gap, float)
+            # 1: halving leaves 2^-64 of an interval no shorter than that
+            scale = 1 + energy + abs(below) + np.abs(y).sum()
+            assert_close(gap, energy - below, scale=scale)
+            assert gap >= -1e-15 * scale  # a term of Fenchel's inequality is 0 at best, up to its roundings
+
+
+# Optima in closed form: the gap is 0 there, and a step leaves them where they are
+
+
+def regular_polygon(n, p, lam, radius):
+    """The n-gon, vectors of constant gradient: lam (rho - rho0) + (sqrt(2 mu) rho)^p / rho = 0."""
+    mu = 4 * math.sin(math.pi / n) ** 2
+    rho = duality.root(lambda rho: lam * (rho - radius) + (math.sqrt(2 * mu) * rho) ** p / rho, radius)
+    angle = 2 * math.pi * np.arange(n) / n
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return Graph.from_edges([[k, (k + 1) % n] for k in range(n)]), radius * circle, rho * circle
+
+
+def star(n, p, lam, d0, w):
+    """A centre at d0, n leaves at 0: (n^(p/2) + n) w^(p/2) d^(p-1) = lam n/(n + 1) (d0 - d), the mean stays."""
+    factor = (n ** (p / 2) + n) * w ** (p / 2)
+    d = duality.root(lambda d: factor * d ** (p - 1) - lam * n / (n + 1) * (d0 - d), d0)
+    f0 = np.zeros((n + 1, 1))
+    f0[0] = d0
+    f = np.full((n + 1, 1), (d0 - d) / (n + 1))
+    f[0] += d
+    return Graph.from_edges([[0, k] for k in range(1, n + 1)], np.full(n, w)), f0, f
+
+
+OPTIMA = {
+    "12-gon": lambda p: (*regular_polygon(12, p, 1.7, 3.0), 1.7, False),
+    "star": lambda p: (*star(4, p, 8.0, 3.0, 0.5), 8.0, False),
+    # the edge norm at lam is the vertex norm at twice that
+    "one edge, edge norm": lambda p: (*star(1, p, 8.0, 3.0, 0.5), 4.0, True),
+}
+
+
+@pytest.mark.parametrize("p", P)
+@pytest.mark.parametrize("optimum", OPTIMA)
+def test_the_gap_is_0_at_an_optimum(oracle, optimum, p):  # noqa: F811
+    """With eps = 0 and y = |grad_w f|^(p - 2) d_w f, which is unique as no gradient vanishes.
+
+    Found by halving to 2^-64 of an interval. Tolerances: a few dozen roundings of numbers of the energy's size; for
+    p = 1 the limit 1 - 32 u of a length besides.
+    """
+    graph, f0, f, lam, edge_norm = OPTIMA[optimum](p)
+    weighted = oracle.prepare(graph, None)
+    d = oracle.difference(weighted, f)
+    length = np.abs(d) if edge_norm else oracle.gradient_norm(weighted, f, power=0.5, eps=0, coupled=True)
+    y = (0.5 if edge_norm else 1) * d * (length if edge_norm else length[graph.edge_rows()]) ** (p - 2)
+    settings = {"p": p, "eps": 0.0, "coupled": True, "edge_norm": edge_norm}
+    energy = oracle.energy(weighted, f, f0, lam, **settings)
+    assert energy > 1
+    if optimum == "12-gon" and p == 1:
+        assert np.linalg.norm(f[0]) == pytest.approx(2.5693819, abs=1e-7)
+    assert abs(oracle.duality_gap(weighted, f, y, f0, lam, **settings)) <= 1e-13 * energy
+    assert_close(oracle.primal(weighted, y, f0, lam), f)
+    for sigma in (0.01, 1.0, 30.0):
+        step = {"beta": BETA, "sigma": sigma, **settings}
+        assert_close(oracle.dual_step(weighted, y, y.copy(), f, f, **step), y, scale=1 + sigma * np.abs(d).max())
+    # and it is positive elsewhere, by lam/2 |f - f*|^2 at least: the certificate
+    moved = f + 0.01 * (cases.rng(5).random(f.shape) - 0.5)
+    gap = oracle.duality_gap(weighted, moved, y, f0, lam, **settings)
+    assert gap >= lam / 2 * ((moved - f) ** 2).sum() * (1 - 1e-9) > 0
