@@ -69,6 +69,11 @@ class History:
             gram = np.block([[gram, products[:-1, None]], [products[None]]])
         return History((residual, copy), columns, gram, self.since + 1)
 
+    def younger(self) -> History:
+        """Without the older half: what it says of J may no longer hold."""
+        half = len(self.columns) // 2
+        return replace(self, columns=self.columns[half:], gram=self.gram[half:, half:], since=0)
+
     def mix(self, problem: DeviceProblem, *, out: Array) -> None:
         """Write the candidate for the next iterate."""
         assert self.last is not None
@@ -97,7 +102,7 @@ class Anderson:
     def after(self, problem: DeviceProblem, f: Array, image: Array) -> tuple[Anderson, float | None]:
         """With one more sweep, from f to its image; and the energy of the mix in ``spare``, if it is to be kept.
 
-        A mix that would raise the energy is not, and the history begins anew.
+        A mix that would raise the energy is not, and the older half of the history goes.
         """
         history = self.history.after(problem, f, image)
         if not history.is_due:
@@ -107,7 +112,7 @@ class Anderson:
         lowest = min(self.lowest, problem.energy(f))
         energy = problem.energy(self.spare)
         if not energy <= highest_allowed(problem, lowest):
-            return replace(self, history=History(), lowest=lowest, rejected=self.rejected + 1), None
+            return replace(self, history=history.younger(), lowest=lowest, rejected=self.rejected + 1), None
         return replace(self, history=replace(history, since=0), lowest=min(lowest, energy), kept=self.kept + 1), energy
 
     def describe(self) -> str:

@@ -12,7 +12,7 @@ from ..backends import Array
 from ..graph import FloatArray
 from ..problem import DeviceProblem
 from .loop import check_settings
-from .stopping import LOCAL, Process, Slope
+from .stopping import LOCAL, Process, Slope, Travel
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class _State:
     tau: float | Array  # the step, per vertex where gamma has a factor of the vertex's own
     step: float
     bound: float
-    slope: Slope | None
+    watch: Slope | Travel | None  # what the stop test needs
     local: bool  # whether there can be other minima
 
 
@@ -95,8 +95,8 @@ class Euler(Process):
                 )
         # g = s f takes steps s^2 as long: eq. 24 is about f.
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
-        empty, slope = backend.empty(graph, problem.channels), self.slope(problem)
-        return _State(initial, empty, problem.scratch(), tau, step, bound, slope, problem.p < 1)
+        empty, watch = backend.empty(graph, problem.channels), self.watch(problem, initial)
+        return _State(initial, empty, problem.scratch(), tau, step, bound, watch, problem.p < 1)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One step, into the buffer of the iterate before the last."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,11 +17,11 @@ from .loop import Course, Solver, check_settings
 
 TESTS = ("change", "error", "gradient", "energy")
 
+# Roundings of a value by which the same iterate can differ from itself.
+_NOISE = 4
+
 # What a method says of its result for p < 1.
 LOCAL = ", towards a local minimum that depends on the start (p < 1)"
-
-# Checks over which the rate of convergence is observed.
-_LAG = 3
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,32 @@ class Slope:
         return replace(self, first=now if self.first is None else self.first, now=now), gap
 
 
+@dataclass(frozen=True)
+class Travel:
+    """How far the values went between a check and the next."""
+
+    buffer: Array  # f at the last check
+    ways: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, problem: DeviceProblem, initial: Array) -> Travel:
+        """At the start."""
+        buffer = problem.backend.empty(problem.weighted.graph, problem.channels)
+        return cls(_copy(problem, initial, buffer))
+
+    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Travel, None]:
+        """With the way to f."""
+        way = problem.change(f, self.buffer)
+        _copy(problem, f, self.buffer)
+        return replace(self, ways=(*self.ways, way)), None
+
+
+def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
+    return problem.backend.combine(problem.weighted, 1.0, f, 0.0, f, out=out)
+
+
 class Process(Solver):
-    """A process of the paper, with a choice of what its tolerance is of; its state has ``g`` and ``slope`` too."""
+    """A process of the paper, with a choice of what its tolerance is of; its state has ``g`` and ``watch`` too."""
 
     stop: str
 
@@ -67,16 +92,18 @@ class Process(Solver):
         if self.stop not in TESTS:
             raise ValueError(f"stop must be one of {', '.join(TESTS)}, got {self.stop!r}")
 
-    def slope(self, problem: DeviceProblem) -> Slope | None:
+    def watch(self, problem: DeviceProblem, initial: Array) -> Slope | Travel | None:
         """What the state needs for the test."""
+        if self.stop == "error":
+            return Travel.of(problem, initial)
         return Slope.of(problem) if self.stop == "gradient" else None
 
     def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float | None]:
-        """The gradient of the energy, where that is what is tested."""
-        if state.slope is None:
+        """What is tested, taken at this check."""
+        if state.watch is None:
             return state, None
-        slope, gap = state.slope.at(problem, state.f, state.g)
-        return replace(state, slope=slope), gap
+        watch, gap = state.watch.at(problem, state.f, state.g)
+        return replace(state, watch=watch), gap
 
     def judge(self, problem: DeviceProblem, state: Any, course: Course) -> Stop | None:
         """The test that was chosen."""
@@ -85,13 +112,14 @@ class Process(Solver):
         if self.stop == "change":
             return super().judge(problem, state, course)
         if self.stop == "gradient":
-            return Stop.GRADIENT if state.slope.now <= course.tol * state.slope.first else None
+            return Stop.GRADIENT if state.watch.now <= course.tol * state.watch.first else None
         if self.stop == "energy":
             return Stop.ENERGY if energy_decrease(course) <= course.tol * abs(course.energies[-1]) else None
         rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * _largest(problem)
-        if estimated_error(course, rounding) <= course.tol * course.span:
+        ways, checks = state.watch.ways, course.checks[-len(state.watch.ways) :]
+        if estimated_error(ways, checks, rounding) <= course.tol * course.span:
             return Stop.ERROR
-        return Stop.ROUNDING if course.changes[-1] <= rounding else None
+        return Stop.ROUNDING if _is_noise(ways, checks, rounding) else None
 
 
 def energy_decrease(course: Course) -> float:
@@ -101,21 +129,30 @@ def energy_decrease(course: Course) -> float:
     return abs(course.energies[-2] - course.energies[-1]) / (course.checks[-1] - course.checks[-2])
 
 
-def estimated_error(course: Course, rounding: float) -> float:
-    """The sum of the changes that are still to come, were they to fall as they did; infinity where they do not.
+def estimated_error(ways: Sequence[float], checks: Sequence[int], rounding: float) -> float:
+    """The way still to go, were it to shrink as it did; infinity where it does not, or is not known yet.
 
-    A change is not known better than to `rounding`.
+    `ways` are those up to each check, the first of which is the start. With R = r^n, r being the rate of an iteration
+    and n those since the last check, a way d is followed by d R + d R^2 + ... = d R / (1 - R). r is observed over two
+    checks, which brings even and odd iterations together; of the last three such rates the slowest counts, as one can
+    be small by chance. No way is known better than to some roundings.
     """
-    recent = slice(max(1, len(course.changes) - _LAG), None)  # the first check comes before any change
-    changes = [max(change, rounding) for change in course.changes[1:]]
-    if len(changes) <= _LAG:
+    known = [max(way, _NOISE * rounding) for way in ways]
+    rates = [
+        (known[k] / known[k - 2]) ** (1 / (checks[k] - checks[k - 2])) for k in range(max(3, len(ways) - 3), len(ways))
+    ]
+    if not rates or max(rates) >= 1:
         return math.inf
-    done = course.checks[-1]
-    rate = (changes[-1] / changes[-1 - _LAG]) ** (1 / (done - course.checks[-1 - _LAG])) if changes[-1] > 0 else 0.0
-    if rate >= 1:
-        return math.inf
-    at = course.checks[recent]
-    return max(c * rate ** (done - then) for c, then in zip(changes[-_LAG:], at, strict=True)) / (1 - rate)
+    shrinks: float = max(rates) ** (checks[-1] - checks[-2])
+    return known[-1] * shrinks / (1 - shrinks)
+
+
+def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> bool:
+    """Whether ways are of the size of roundings and have not shrunk by a fifth while the iterations doubled, or are 0."""
+    early = [way for way, at in zip(ways[1:], checks[1:], strict=True) if 2 * at <= checks[-1]]
+    if len(ways) > 1 and ways[-1] == 0:
+        return True
+    return bool(early) and ways[-1] <= 64 * rounding and ways[-1] >= 0.8 * min(early)
 
 
 def _largest(problem: DeviceProblem) -> float:
