@@ -115,7 +115,7 @@ def test_devices_describe_themselves(device: str) -> None:
 )
 def test_vector_width(platform: str, kind: str, native: int, width: int) -> None:
     cl = pytest.importorskip("pyopencl", reason="OpenCL is not installed")
-    from gpureg.backends.opencl import vector_width
+    from gpureg.backends.opencl_queue import vector_width
 
     device = SimpleNamespace(
         platform=SimpleNamespace(version=platform), type=getattr(cl.device_type, kind), native_vector_width_float=native

@@ -4,6 +4,7 @@
  *   VERTEX                     declares this work item's vertex u, or ends the work item
  *   AT(u, c, channels)         index of channel c of vertex u in a function of that many channels
  *   NEIGHBOURS ... END         a loop over the neighbours v of u, with what gamma.cl takes of the edge
+ *   OFFSETS ... END            the same loop without what gamma.cl takes
  *   EDGE_AT(c, channels)       inside it, index of channel c of the edge (u, v) in a function on the edges; OPPOSITE_AT
  *                              that of (v, u)
  *   CLEAR_EDGES(p, channels)   zeros where a function on the edges has room for edges that do not exist (here: nowhere)
@@ -46,6 +47,7 @@
     for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                               \
         const long v = indices[e];                                                                                   \
         EDGE_FACTORS
+#define OFFSETS for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
 #define END }
 
 #define EDGE_AT(c, channels) (e * (channels) + (c))

@@ -159,4 +159,15 @@ static inline real largest_lane(const realN x)
 #endif
 }
 
+/* What a sum or a function is divided by: a number, or with OVER a function of OVER channels, 1 or M. Lanes without a
+ * vertex divide 0 by 0: USED. */
+#define OVER_ARGS                                                                                                    \
+    __global const real *overs, /* OVER channels; not read without */                                                \
+    const real over_            /* not read with OVER */
+#ifdef OVER
+#define OVER_OF(x, c) ((x) / LOAD(overs, AT(u, OVER == 1 ? 0 : (c), OVER)))
+#else
+#define OVER_OF(x, c) ((x) / over_)
+#endif
+
 #endif

@@ -1,0 +1,58 @@
+/* prox of sigma phi* at z(u, .) = y + beta (y - y_previous) + sigma d_w(f + beta (f - f_previous))
+ *
+ * x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.cl). EDGE_NORM: r = |z(u, v)|, one edge for itself.
+ *
+ * One work item: the edges of one vertex (CSR) or of a pack of N (grid), which alone it reads and writes. A norm over all
+ * edges needs them twice: z waits in the place of the result, in the nearest cache.
+ * Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid
+ * finds all but 2 M in the cache, on CSR also D indices; writes D M numbers.
+ */
+#include "prox.cl"
+
+__kernel void dual_step(
+    GRAPH_ARGS,
+    __global const real *y,          /* M channels per directed edge */
+    __global const real *f,          /* M channels */
+    __global const real *f_previous, /* M channels */
+    const real beta,
+    const real sigma,
+    const real p,
+    const real eps,
+    /* y's predecessor, and output */
+    __global real *out) /* M channels per directed edge */
+{
+    VERTEX
+    realN here[M], square[G];
+    for (int c = 0; c < M; ++c) {
+        const realN f_u = LOAD(f, AT(u, c, M));
+        here[c] = f_u + beta * (f_u - LOAD(f_previous, AT(u, c, M)));
+    }
+    for (int c = 0; c < G; ++c) square[c] = 0;
+    NEIGHBOURS
+        realN z[M];
+        for (int c = 0; c < M; ++c) {
+            const realN f_v = LOAD(f, AT(v, c, M)), y_e = LOAD(y, EDGE_AT(c, M));
+            const realN d = DIFFERENCE(here[c], f_v + beta * (f_v - LOAD(f_previous, AT(v, c, M))));
+            z[c] = USED(y_e + beta * (y_e - LOAD(out, EDGE_AT(c, M))) + sigma * DERIVED(d));
+        }
+#if PROX == 2
+        for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), prox_factor(0, sigma, p, eps) * z[c]);
+#elif defined(EDGE_NORM)
+        for (int c = 0; c < G; ++c) square[c] = 0;
+        for (int c = 0; c < M; ++c) square[SHARED(c)] += z[c] * z[c];
+        for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
+        for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * z[c]);
+#else
+        for (int c = 0; c < M; ++c) {
+            square[SHARED(c)] += z[c] * z[c];
+            STORE(out, EDGE_AT(c, M), z[c]);
+        }
+#endif
+    END
+#if PROX != 2 && !defined(EDGE_NORM)
+    for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
+    OFFSETS
+        for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * LOAD(out, EDGE_AT(c, M)));
+    END
+#endif
+}

@@ -1,0 +1,65 @@
+/* sum_u [phi(|grad_w f(u)|) + phi*(|y(u, .)|) - sum_v d_w(f)(u, v) y(u, v) + |lam (f - f0) + adjoint(y)|^2 / (2 lam)]
+ *
+ * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); no term is below 0. EDGE_NORM:
+ * phi/2 and its conjugate at every edge. Where lam is infinite there is no last term.
+ *
+ * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these.
+ * Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges, of which a grid finds half in the cache,
+ * (D + 2) M of vertices and lam, on CSR also D indices and D places of opposite edges.
+ */
+#include "prox.cl"
+
+/* phi + phi* - product of one norm. */
+#define DUALITY(c)                                                                                                   \
+    (SHARE * raise(derivative[c] + eps * eps, p / 2) / p + conjugate(dual[c], p, eps) - product[c])
+
+__kernel void duality_gap(
+    GRAPH_ARGS,
+    const long segment,
+    __global const real *f,    /* M channels */
+    __global const real *y,    /* M channels per directed edge */
+    __global const real *f0,   /* M channels */
+    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
+    const real lam_,           /* not read with LAM_ARRAY */
+    const real p,
+    const real eps,
+    /* output */
+    __global sum_t *out) /* one number per segment */
+{
+    long_sum total = sum_start();
+    SEGMENT_BEGIN
+        realN here[M], residual[M], derivative[G], dual[G], product[G], terms = 0;
+#ifdef LAM_ARRAY
+        const realN lam = LOAD(lams, AT(u, 0, 1));
+#else
+        const realN lam = (realN)(lam_);
+#endif
+        const laneN pinned = lam == (realN)(INFINITY);
+        for (int c = 0; c < M; ++c) {
+            here[c] = LOAD(f, AT(u, c, M));
+            residual[c] = (pinned ? (realN)(0) : lam) * (here[c] - LOAD(f0, AT(u, c, M)));
+        }
+        for (int c = 0; c < G; ++c) derivative[c] = dual[c] = product[c] = 0;
+        NEIGHBOURS
+#ifdef EDGE_NORM
+            for (int c = 0; c < G; ++c) derivative[c] = dual[c] = product[c] = 0;
+#endif
+            for (int c = 0; c < M; ++c) {
+                const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M))), y_e = LOAD(y, EDGE_AT(c, M));
+                derivative[SHARED(c)] += SQUARED(d);
+                dual[SHARED(c)] += y_e * y_e;
+                product[SHARED(c)] += DERIVED(d) * y_e;
+                residual[c] += OWN * (LOAD(y, OPPOSITE_AT(c, M)) - y_e);
+            }
+#ifdef EDGE_NORM
+            for (int c = 0; c < G; ++c) terms += DUALITY(c);
+#endif
+        END
+#ifndef EDGE_NORM
+        for (int c = 0; c < G; ++c) terms += DUALITY(c);
+#endif
+        for (int c = 0; c < M; ++c) terms += pinned ? (realN)(0) : residual[c] * residual[c] / (2 * lam);
+        total = sum_add_pack(total, USED(terms));
+    SEGMENT_END
+    out[SEGMENT_INDEX] = sum_value(total);
+}

@@ -1,0 +1,50 @@
+/* gradient(u) = lam (f(u) - f0(u)) + p_laplacian(f)(u)
+ *
+ * The gradient of the energy (eq. 19), given the conductances (conductance.cl); without F0 that of f0 = 0, which is the
+ * matrix of eq. 25 applied to f. Where lam is infinite: 0.
+ *
+ * One work item: one vertex (CSR) or a pack of N (grid).
+ * Traffic per vertex: that of p_laplacian, M values of f0 and lam.
+ */
+#ifdef GRID
+#include "grid.cl"
+#else
+#include "csr.cl"
+#endif
+#include "conductance.cl"
+
+__kernel void gradient(
+    GRAPH_ARGS,
+    __global const real *f,  /* M channels */
+    __global const real *f0, /* M channels; read with F0 */
+    CONDUCTANCE_ARGS,
+    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
+    const real lam_,           /* not read with LAM_ARRAY */
+    /* output */
+    __global real *out) /* M channels */
+{
+    VERTEX
+    realN here[M], sum[M];
+#ifdef LAM_ARRAY
+    const realN lam = LOAD(lams, AT(u, 0, 1));
+#else
+    const realN lam = (realN)(lam_);
+#endif
+    const laneN pinned = lam == (realN)(INFINITY);
+    for (int c = 0; c < M; ++c) {
+        here[c] = LOAD(f, AT(u, c, M));
+#ifdef F0
+        sum[c] = (pinned ? (realN)(0) : lam) * (here[c] - LOAD(f0, AT(u, c, M)));
+#else
+        sum[c] = (pinned ? (realN)(0) : lam) * here[c];
+#endif
+    }
+    NEIGHBOURS
+        CONDUCTANCES_OF_EDGE
+        for (int c = 0; c < M; ++c) {
+            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));
+            sum[c] -= conductance[SHARED(c)] * FLOW(d);
+        }
+    END
+    for (int c = 0; c < M; ++c) STORE(out, AT(u, c, M), USED(pinned ? (realN)(0) : sum[c]));
+}

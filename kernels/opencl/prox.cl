@@ -1,0 +1,138 @@
+/* length(r) = the t >= 0 with sigma t + share phi'(t) = r,   phi(t) = (t^2 + eps^2)^(p/2) / p
+ *
+ * s = r - sigma length(r) is the length of the proximal step of sigma (share phi)* from a point r away from 0, and with
+ * sigma = 0 it is where the conjugate (share phi)*(s) = s t - share phi(t) has its maximum. PROX says what is compiled:
+ *
+ *   0   any p >= 1, eps >= 0: Newton's method     1   p = 1, eps = 0     2   p = 2     3   p > 1, eps = 0
+ *
+ * 1 and 2 have closed forms, 3 one for the conjugate. Newton starts on the side from which it goes straight there: phi'
+ * is concave for p < 2, so below, and convex for p > 2, so above. On its way nothing is NaN: squares that underflow to 0
+ * or overflow have their limits in the place of quotients.
+ */
+#ifndef PROX_CL
+#define PROX_CL
+#ifdef GRID
+#include "grid.cl"
+#else
+#include "csr.cl"
+#endif
+
+#ifndef M
+#define M 1
+#endif
+#ifndef G
+#define G 1
+#endif
+#ifndef PROX
+#define PROX 0
+#endif
+
+#define SHARED(c) (G == 1 ? 0 : (c))
+
+/* The part of phi that a norm gets: an edge has two ends. */
+#ifdef EDGE_NORM
+#define SHARE ((real)0.5)
+#else
+#define SHARE ((real)1)
+#endif
+
+/* Rounding, the smallest normal number and the largest. */
+#ifdef DOUBLE
+#define ROUNDING 2.220446049250313e-16
+#define TINY 2.2250738585072014e-308
+#define HUGE 1.7976931348623157e308
+#else
+#define ROUNDING 1.1920929e-7f
+#define TINY 1.17549435e-38f
+#define HUGE 3.4028235e38f
+#endif
+
+/* Newton steps at most; they stop once no lane moves. */
+#define NEWTON_STEPS 60
+
+/* Whether the condition, a lane's -1 or 0, holds in any lane. */
+static inline bool any_lane(const laneN condition)
+{
+#if N == 1
+    return condition != 0;
+#else
+    return any(condition) != 0;
+#endif
+}
+
+/* For r >= 0 and sigma > 0, or sigma = 0 and p > 1. */
+static inline realN length_of(const realN r, const real sigma, const real p, const real eps)
+{
+    const real eps2 = eps * eps, narrow = eps > 0 ? pow(eps, 2 - p) : (real)(p < 2 ? 0 : HUGE);
+    const realN whole = r / SHARE;
+    realN t;
+    if (p < 2) {
+        /* of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1)) */
+        const realN least = sigma > 0 ? whole / 2 : whole;
+        t = least * narrow;
+        if (p > 1) t = fmax(t, raise(least, 1 / (p - 1)));
+        if (sigma > 0) t = fmin(t, r / (2 * sigma));
+        if (p == 1) t = fmax(t, (r - SHARE) / sigma);
+    } else {
+        /* neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1)) */
+        t = raise(whole, 1 / (p - 1));
+        if (eps > 0) t = fmin(t, whole * narrow);
+        if (sigma > 0) t = fmin(t, r / sigma);
+    }
+    const laneN some = r > 0;
+    t = some ? clamp(t, (realN)(TINY), (realN)(HUGE)) : (realN)(0);
+    for (int i = 0; i < NEWTON_STEPS; ++i) {
+        const realN square = t * t + eps2;
+        const laneN usual = square > 0 && square < (realN)(INFINITY);
+        const realN safe = usual ? square : (realN)(1);
+        const realN g = usual ? raise(safe, (p - 2) / 2) : (realN)(0);
+        const realN ratio = usual ? t * t / safe : (realN)(1);
+        const realN value = sigma * t + SHARE * g * t - r;
+        const realN rise = sigma + SHARE * g * (1 + (p - 2) * ratio);
+        const laneN rising = rise > 0 && some;
+        const realN step = rising ? value / (rising ? rise : (realN)(1)) : (realN)(0);
+        const realN moved = fmax(t - step, (realN)(0));
+        /* the way goes up or down alone: what turns back is rounding */
+        const laneN moving = (p < 2 ? moved - t : t - moved) > 2 * ROUNDING * t;
+        t = moved;
+        if (!any_lane(moving)) break;
+    }
+    return t;
+}
+
+/* What a proximal step multiplies z with, given |z|^2: length s over length r, 1 at z = 0. For p = 1 the result is inside
+ * the ball in spite of the roundings of a norm: the certificate needs that. */
+#define BALL (SHARE * (1 - 32 * ROUNDING))
+static inline realN prox_factor(const realN square, const real sigma, const real p, const real eps)
+{
+#if PROX == 1
+    return square > BALL * BALL ? BALL / sqrt(square) : (realN)(1);
+#elif PROX == 2
+    return (realN)(SHARE / (sigma + SHARE));
+#else
+    const realN r = sqrt(fmin(square, (realN)(HUGE)));
+    realN s = fmax(r - sigma * length_of(r, sigma, p, eps), (realN)(0));
+    if (p == 1) s = fmin(s, (realN)(BALL));
+    const laneN some = r > 0;
+    return some ? s / (some ? r : (realN)(1)) : (realN)(1);
+#endif
+}
+
+/* (share phi)*(s), given s^2; for p = 1, where s <= share, a larger s counts as that. */
+static inline realN conjugate(const realN square, const real p, const real eps)
+{
+#if PROX == 1
+    return (realN)(0);
+#elif PROX == 2
+    return square / (2 * SHARE) - SHARE * eps * eps / 2;
+#elif PROX == 3
+    const real q = p / (p - 1);
+    return SHARE * raise(square / (SHARE * SHARE), q / 2) / q;
+#else
+    if (p == 1) return -SHARE * eps * sqrt(fmax(1 - square / (SHARE * SHARE), (realN)(0)));
+    const realN s = sqrt(square), t = length_of(s, 0, p, eps);
+    return s * t - SHARE * raise(t * t + eps * eps, p / 2) / p;
+#endif
+}
+
+#endif
