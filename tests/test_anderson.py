@@ -61,13 +61,13 @@ def test_a_mix_that_raises_the_energy_is_rejected(monkeypatch: pytest.MonkeyPatc
     result = gr.regularize(f0, g0(f0.shape), solver=FAST, **model)
     assert np.array_equal(result.value, plain.value)
     assert np.array_equal(result.energy, plain.energy)
-    assert "8 of 8 mixes rejected" in result.method  # each third sweep
+    assert "5 of 5 mixes rejected" in result.method  # at 8, 12, 16, 20, 24
 
 
 def test_values_that_are_not_finite_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     f0 = picture()
     monkeypatch.setattr(anderson, "coefficients", lambda gram, products: np.full(len(products), np.nan))
-    result = gr.regularize(f0, g0(f0.shape), p=1, lam=5, max_iter=10, solver=FAST, **ORACLE)
+    result = gr.regularize(f0, g0(f0.shape), p=1, lam=5, max_iter=16, solver=FAST, **ORACLE)
     assert np.isfinite(result.value).all()
     assert "3 of 3 mixes rejected" in result.method
 
@@ -79,8 +79,11 @@ def test_values_that_are_not_finite_are_rejected(monkeypatch: pytest.MonkeyPatch
 def test_it_takes_far_fewer_sweeps(p: float, lam: float, eps: float | None, dtype: str, factor: int) -> None:
     """To a distance of 1e-4 of |f* - f0|; `factor` times as many plain sweeps are farther away.
 
-    For p < 1 "the" limit is the one of the accelerated process, which here is that of the plain one too.
+    In float32 1e-3: an energy is above the least by lam/2 |f - f*|^2 at least, which at 1e-4 is 5e-9 of it here, less
+    than its rounding, so that which mixes are kept is up to chance. For p < 1 the limit is the accelerated one, here
+    that of the plain process too.
     """
+    goal = 1e-4 if dtype == "float64" else 1e-3
     f0, grid = picture(), g0((40, 40))
     model = {"p": p, "lam": lam, "eps": eps, "backend": "numpy"}
     exact = gr.regularize(
@@ -96,16 +99,16 @@ def test_it_takes_far_fewer_sweeps(p: float, lam: float, eps: float | None, dtyp
         return float(np.linalg.norm(value.reshape(f0.shape) - exact.value) / size)
 
     def close(check: gr.Check) -> bool:
-        return distance(check.value()) <= 1e-4
+        return distance(check.value()) <= goal
 
     solver = gr.Jacobi(accelerate=True, check_every=1)
     fast = gr.regularize(f0, grid, solver=solver, max_iter=1000, dtype=dtype, callback=close, **model)
     assert fast.stop is gr.Stop.CALLBACK
     plain = gr.regularize(f0, grid, max_iter=factor * fast.iterations, dtype=dtype, **model)
-    assert distance(plain.value) > 1e-4
+    assert distance(plain.value) > goal
     if p < 1:
         more = gr.regularize(f0, grid, max_iter=4000, dtype=dtype, **model)
-        assert distance(more.value) < 1e-4
+        assert distance(more.value) < goal
 
 
 @pytest.mark.one_driver
@@ -139,10 +142,10 @@ def test_no_data_at_all_on_a_bipartite_graph() -> None:
 
 
 def test_an_interruption_keeps_the_last_whole_iterate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pressed in the middle of the third mix, the ninth iterate."""
+    """Pressed in the middle of the third mix, the sixteenth iterate."""
     f0 = picture()
     model = {"p": 1, "lam": 5, "solver": FAST, **ORACLE}
-    eight = gr.regularize(f0, g0(f0.shape), max_iter=8, **model)
+    fifteen = gr.regularize(f0, g0(f0.shape), max_iter=15, **model)
     found, calls = anderson.coefficients, []
 
     def pressed(gram: np.ndarray, products: np.ndarray) -> np.ndarray:
@@ -154,17 +157,17 @@ def test_an_interruption_keeps_the_last_whole_iterate(monkeypatch: pytest.Monkey
     monkeypatch.setattr(anderson, "coefficients", pressed)
     with pytest.raises(gr.Interrupted) as caught:
         gr.regularize(f0, g0(f0.shape), max_iter=100, **model)
-    assert caught.value.result.iterations == 8
-    assert np.array_equal(caught.value.result.value, eight.value)
+    assert caught.value.result.iterations == 15
+    assert np.array_equal(caught.value.result.value, fifteen.value)
 
 
 def test_new_weights_begin_it_anew() -> None:
     f0, weights = picture(), gr.weights.bilateral(1.5, 0.3)
     model = {"p": 1, "lam": 2, "eps": 0.01, "solver": FAST, **ORACLE}
-    twice = gr.regularize(f0, g0(f0.shape), weights=weights, update_weights=8, max_iter=16, **model)
-    first = gr.regularize(f0, g0(f0.shape), weights=weights, max_iter=8, **model).value
+    twice = gr.regularize(f0, g0(f0.shape), weights=weights, update_weights=13, max_iter=26, **model)
+    first = gr.regularize(f0, g0(f0.shape), weights=weights, max_iter=13, **model).value
     anew = gr.weights.guided(weights, first.ravel())
-    second = gr.regularize(f0, g0(f0.shape), weights=anew, initial=first, max_iter=8, **model)
+    second = gr.regularize(f0, g0(f0.shape), weights=anew, initial=first, max_iter=13, **model)
     assert np.array_equal(twice.value, second.value)
 
 

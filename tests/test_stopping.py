@@ -65,6 +65,8 @@ def test_an_error_that_the_type_cannot_reach_is_said() -> None:
     result = gr.regularize(f0, grid, solver=gr.Jacobi(stop="error", tol=1e-9), **model)
     assert result.stop is gr.Stop.ROUNDING
     assert result.iterations < 20_000
+    constant = gr.regularize(np.full(50, 0.25), gr.GridGraph(50), **{**model, "solver": gr.Jacobi(stop="error", tol=0)})
+    assert constant.stop is gr.Stop.ERROR  # nothing moves: that is no rounding
     # in float64 it can be reached
     result = gr.regularize(f0, grid, solver=gr.Jacobi(stop="error", tol=1e-9), **{**model, **ORACLE})
     assert result.stop is gr.Stop.ERROR
@@ -83,7 +85,8 @@ def test_estimate_on_known_ways() -> None:
     # one way that is short by chance: the rates before it count
     lucky = [*falling[:-1], falling[-1] / 1000]
     assert estimated_error(lucky, checks, 0.0) == pytest.approx(lucky[-1] * R / (1 - R))
-    assert estimated_error([0.0] * 9, checks, 1e-8) == math.inf  # as far as that can be known
+    assert estimated_error([0.0, 1.0, *[0.0] * 7], checks, 1e-8) == math.inf  # as far as that can be known
+    assert estimated_error([0.0] * 9, checks, 1e-8) == 0.0  # nothing ever moved
 
 
 @pytest.mark.parametrize("solver", [gr.Jacobi, gr.Euler])

@@ -137,9 +137,12 @@ def estimated_error(ways: Sequence[float], checks: Sequence[int], rounding: floa
     checks, which brings even and odd iterations together; of the last three such rates the slowest counts, as one can
     be small by chance. No way is known better than to some roundings.
     """
+    if len(ways) > 1 and not any(ways):  # nothing ever moved
+        return 0.0
     known = [max(way, _NOISE * rounding) for way in ways]
     rates = [
-        (known[k] / known[k - 2]) ** (1 / (checks[k] - checks[k - 2])) for k in range(max(3, len(ways) - 3), len(ways))
+        (known[k] / known[k - 2]) ** (1 / (checks[k] - checks[k - 2])) if known[k - 2] > 0 else 0.0
+        for k in range(max(3, len(ways) - 3), len(ways))
     ]
     if not rates or max(rates) >= 1:
         return math.inf
@@ -148,7 +151,7 @@ def estimated_error(ways: Sequence[float], checks: Sequence[int], rounding: floa
 
 
 def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> bool:
-    """Whether ways are of the size of roundings and have not shrunk by a fifth while the iterations doubled, or are 0."""
+    """Whether ways are of the size of roundings and shrink by less than a fifth while the iterations double."""
     early = [way for way, at in zip(ways[1:], checks[1:], strict=True) if 2 * at <= checks[-1]]
     if len(ways) > 1 and ways[-1] == 0:
         return True
