@@ -32,7 +32,8 @@ def g0(shape: tuple[int, ...]) -> gr.GridGraph:
 def test_energy_never_rises(data: st.DataObject) -> None:
     """At every single iteration, for every p, gamma, norm, fidelity (0 and infinity among them) and damping.
 
-    1e-12 is the rounding that test_mathematics.test_descent allows for the plain sweep.
+    1e-12 is the rounding that test_mathematics.test_descent allows for the plain sweep. Where data are the minimiser
+    (no edges), the energy is that of their roundings: lam n m |f|^2 u^2 <= 10 60 1e-32.
     """
     n = data.draw(st.integers(3, 30))
     graph = cases.irregular(n, 3 * n, isolated=n - 1, seed=data.draw(st.integers(0, 99)))
@@ -48,7 +49,7 @@ def test_energy_never_rises(data: st.DataObject) -> None:
     }
     solver = gr.Jacobi(accelerate=True, check_every=1, damping=data.draw(st.sampled_from([None, 0.7])))
     result = gr.regularize(f0, graph, solver=solver, max_iter=40, **model, **ORACLE)
-    assert np.diff(result.energy).max() <= 1e-12 * max(result.energy[0], 1e-20)
+    assert np.diff(result.energy).max() <= max(1e-12 * result.energy[0], 1e-29)
     assert np.isfinite(result.value).all()
 
 

@@ -72,7 +72,7 @@ class Jacobi(Process):
     the price of one more pass over the edges. With `accelerate` no iteration raises the energy, whatever p and damping,
     by more than its rounding.
 
-    For p >= 1, lam > 0 and eps > 0 there is one minimiser, and the process goes there from everywhere. For p < 1 the
+    For p >= 1, lam > 0 and eps > 0 there is one minimiser, where the default goes from everywhere. For p < 1 the
     energy is not convex: the result is a local minimum, which one depends on the start (`initial`, by default the
     data), and with `accelerate` it can be another than without.
 
