@@ -127,7 +127,8 @@ def regularize(
     -----
     Minimises 1/p sum_u |grad_w f(u)|^p + 1/2 sum_u lam(u) |f(u) - f0(u)|^2 (eq. 19, 20), with the gradient norm
     smoothed by eps (eq. 15); for the edge norm the first term is 1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), each
-    difference smoothed likewise. For p < 1 the energy is not convex and the result depends on the start.
+    difference smoothed likewise. For p < 1 the energy is not convex: the result is a local minimum, and which one
+    depends on the start (`initial`) and the solver. Nothing says how far it is from the lowest.
 
     Examples
     --------

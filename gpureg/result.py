@@ -15,6 +15,10 @@ class Stop(enum.Enum):
 
     MAX_ITER = "All the iterations asked for were done."
     TOLERANCE = "The largest change in one iteration fell to the tolerance."
+    ERROR = "The estimated distance still to go fell to the tolerance."
+    GRADIENT = "The norm of the energy's gradient fell to the tolerance."
+    ENERGY = "The decrease of the energy in one iteration fell to the tolerance."
+    ROUNDING = "The changes fell to the rounding of the floating-point type before the error fell to the tolerance."
     GAP = "The duality gap fell to the tolerance."
     PRECISION = "The duality gap falls no further: the floating-point type allows no smaller one."
     CALLBACK = "The callback asked to stop."

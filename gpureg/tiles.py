@@ -199,6 +199,10 @@ def why_whole(
         return "a callback is shown the energy of the whole"
     if not isinstance(solver, Jacobi):
         return "the step of this solver depends on the whole graph (solver='jacobi' does not)"
+    if solver.accelerate:
+        return "accelerated sweeps mix iterates of the whole (give accelerate=False)"
+    if solver.stop != "change":
+        return f"stop={solver.stop!r} is a question about the whole (stop='change' is not)"
     if solver.damping is None and problem.p > 2:
         return (
             "whether a sweep raised the energy is a question about the whole (give solver=gpureg.Jacobi(damping=...))"

@@ -11,7 +11,8 @@ import numpy as np
 from ..backends import Array
 from ..graph import FloatArray
 from ..problem import DeviceProblem
-from .loop import Solver, check_settings
+from .loop import check_settings
+from .stopping import LOCAL, Process, Slope, Travel
 
 
 @dataclass(frozen=True)
@@ -22,10 +23,12 @@ class _State:
     tau: float | Array  # the step, per vertex where gamma has a factor of the vertex's own
     step: float
     bound: float
+    watch: Slope | Travel | None  # what the stop test needs
+    local: bool  # whether there can be other minima
 
 
 @dataclass(frozen=True)
-class Euler(Solver):
+class Euler(Process):
     """Explicit Euler steps: f + tau (lam (f0 - f) - p-Laplacian of f) (eq. 24).
 
     Parameters
@@ -34,12 +37,15 @@ class Euler(Solver):
         tau > 0. None takes half of the bound below.
     check_every : int, default 10
         Steps between two looks at energy and change, which read back from the device.
+    stop : {"change", "error", "gradient", "energy"}, default "change"
+    tol : float, optional
+        What the tolerance is of, and the tolerance, as in :class:`gpureg.Jacobi`.
 
     Raises
     ------
     TypeError, ValueError
-        A step that is not > 0, a check_every that is no integer >= 1. At use, for p = 2: a step beyond 2/mu, mu the
-        largest eigenvalue of lam + Laplacian, with which the process diverges.
+        A step that is not > 0, a check_every that is no integer >= 1, an unknown stop, a tol that is not >= 0. At use,
+        for p = 2: a step beyond 2/mu, mu the largest eigenvalue of lam + Laplacian, with which the process diverges.
 
     Warns
     -----
@@ -57,16 +63,19 @@ class Euler(Solver):
     Examples
     --------
     >>> Euler(step=0.1)
-    Euler(step=0.1, check_every=10)
+    Euler(step=0.1, check_every=10, stop='change', tol=None)
     """
 
     step: float | None = None
     check_every: int = 10
+    stop: str = "change"
+    tol: float | None = None
 
     def __post_init__(self) -> None:
         check_settings({"step": self.step, "check_every": self.check_every})
         if self.step is not None and not (math.isfinite(self.step) and self.step > 0):
             raise ValueError(f"step must be finite and > 0, got {self.step}")
+        self.check()
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step, once the step is known to be stable."""
@@ -86,7 +95,8 @@ class Euler(Solver):
                 )
         # g = s f takes steps s^2 as long: eq. 24 is about f.
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
-        return _State(initial, backend.empty(graph, problem.channels), problem.scratch(), tau, step, bound)
+        empty, watch = backend.empty(graph, problem.channels), self.watch(problem, initial)
+        return _State(initial, empty, problem.scratch(), tau, step, bound, watch, problem.p < 1)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One step, into the buffer of the iterate before the last."""
@@ -96,7 +106,8 @@ class Euler(Solver):
 
     def describe(self, state: _State) -> str:
         """The process, its step, and the bound."""
-        return f"Explicit Euler (eq. 24), step {state.step:.6g}, where {state.bound:.6g} is known to be stable"
+        known = f"step {state.step:.6g}, where {state.bound:.6g} is known to be stable"
+        return f"Explicit Euler (eq. 24), {known}{LOCAL if state.local else ''}"
 
 
 def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
