@@ -98,7 +98,7 @@ class Process(Solver):
             return Travel.of(problem, initial)
         return Slope.of(problem) if self.stop == "gradient" else None
 
-    def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float | None]:
+    def certify(self, problem: DeviceProblem, state: Any, course: Course) -> tuple[Any, float | None]:
         """What is tested, taken at this check."""
         if state.watch is None:
             return state, None
