@@ -143,7 +143,11 @@ def make(real, case, edge_norm):
                     return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
                 s = wp.sqrt(square)
                 t = length(s, zero, p, eps)
-                return s * t - share * raise_(t * t + eps * eps, p / two) / p
+                found = s * t - share * raise_(t * t + eps * eps, p / two) / p
+                # never below -share eps^p / p: less, or no number, is overflow of a conjugate too large to write
+                if not found >= zero - largest:
+                    return real(wp.inf)
+                return found
 
     @wp.func
     def duality(square: real, dual: real, product: real, p: real, eps: real) -> real:
