@@ -123,7 +123,12 @@ def make(real, case, edge_norm):
             r = wp.sqrt(wp.min(square, largest))
             if not r > zero:
                 return one
-            s = wp.max(r - sigma * length(r, sigma, p, eps), zero)
+            # of the two sides of the equation the one that loses no digits
+            t = length(r, sigma, p, eps)
+            s = r - sigma * t
+            square_t = wp.min(t * t + eps * eps, largest)
+            if two * sigma * t > r and square_t > zero:
+                s = share * t * raise_(square_t, (p - two) / two)
             if p == one:
                 s = wp.min(s, ball)
             return s / r
