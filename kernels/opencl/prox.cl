@@ -126,8 +126,9 @@ static inline realN conjugate(const realN square, const real p, const real eps)
 #elif PROX == 2
     return square / (2 * SHARE) - SHARE * eps * eps / 2;
 #elif PROX == 3
-    const real q = p / (p - 1);
-    return SHARE * raise(square / (SHARE * SHARE), q / 2) / q;
+    /* with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest */
+    const realN t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
+    return sqrt(square) * t - SHARE * raise(t * t, p / 2) / p;
 #else
     if (p == 1) return -SHARE * eps * sqrt(fmax(1 - square / (SHARE * SHARE), (realN)(0)));
     const realN s = sqrt(square), t = length_of(s, 0, p, eps);

@@ -132,8 +132,9 @@ def make(real, case, edge_norm):
 
             @wp.func
             def conjugate(square: real, p: real, eps: real) -> real:
-                q = p / (p - one)
-                return share * raise_(square / (share * share), q / two) / q
+                # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+                t = raise_(square / (share * share), one / (two * (p - one)))
+                return wp.sqrt(square) * t - share * raise_(t * t, p / two) / p
 
         else:
 
