@@ -13,15 +13,16 @@ GRAPH = GridGraph((5, 7), metric="cityblock")
 
 @pytest.mark.one_driver
 @pytest.mark.parametrize("edge_norm", [False, True])
+@pytest.mark.parametrize("eps", [0.0, 0.01])
 @pytest.mark.parametrize(("p", "y"), [(1.01, 1.2), (1.1, 1e3), (1.001, 1.2)])
-def test_a_conjugate_too_large_to_write_is_infinite(device, p, y, edge_norm):
+def test_a_conjugate_too_large_to_write_is_infinite(device, p, y, eps, edge_norm):
     """(y/share)^(1/(p - 1)) overflows: the true gap is beyond float32, or of that size, and never below 0."""
     on = backends.get(device, np.float32)
     weighted = on.prepare(GRAPH, None)
     f = on.put(GRAPH, np.zeros((35, 1)))
     inside = on.get_edges(GRAPH, on.difference(weighted, on.put(GRAPH, np.arange(35.0)[:, None]))) != 0
     edges = on.put_edges(GRAPH, y * inside)
-    gap = on.duality_gap(weighted, f, edges, f, 1.0, p=p, eps=0.01, coupled=True, edge_norm=edge_norm)
+    gap = on.duality_gap(weighted, f, edges, f, 1.0, p=p, eps=eps, coupled=True, edge_norm=edge_norm)
     assert gap > 1e6
 
 

@@ -84,12 +84,12 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
     if p == 1:
         inside = np.minimum(s / share, 1)
         found = -share * s.dtype.type(eps) * np.sqrt(np.maximum(1 - inside**2, 0))
-    elif p == 2 or eps == 0:
-        q = p / (p - 1)
-        found = share * (raised(s / share, q) / q - s.dtype.type(eps) ** 2 / 2)
+    elif p == 2:
+        found = s**2 / (2 * share) - share * s.dtype.type(eps) ** 2 / 2
     else:
-        t = length(s, 0.0, share, p, eps)
         with np.errstate(over="ignore", invalid="ignore"):
+            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            t = length(s, 0.0, share, p, eps) if eps > 0 else raised(s / share, 1 / (p - 1))
             found = s * t - share * raised(t**2 + s.dtype.type(eps) ** 2, p / 2) / p
         # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
         found = np.where(np.isfinite(found), found, np.inf)

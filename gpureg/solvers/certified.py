@@ -67,8 +67,9 @@ class Certified(Solver):
     -----
     The gap is the energy of f minus the dual energy of a y on the edges (kernels/README.md, ``duality_gap``), which is
     below every energy: so the gap bounds how far the energy of f is above the minimum, however f was found. As the
-    energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. Rounding is not part of the bound: it is of the order
-    of the type's precision times the energy.
+    energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. What rounding may hide of the gap is part of it, p
+    machine epsilons of the energy, so that a smaller `tol` is out of reach: :attr:`gpureg.Stop.PRECISION` says so. At
+    p = 2 "linear" takes the gap from a residual, where rounding hides less.
 
     Examples
     --------
@@ -133,7 +134,6 @@ class Certified(Solver):
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """The method's gap; a method that would take long makes room for Newton's."""
         inner, gap = state.method.certify(problem, state.inner, course.energies[-1])
-        gap = max(gap, 0.0)
         state = replace(state, inner=inner)
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph

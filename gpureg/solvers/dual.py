@@ -83,17 +83,7 @@ class Dual(Method):
 
     def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
         """The duality gap; a D that has fallen since the last check ends the momentum."""
-        gap = problem.backend.duality_gap(
-            problem.weighted,
-            state.f,
-            state.y,
-            problem.f0,
-            problem.lam,
-            p=problem.p,
-            eps=problem.eps,
-            coupled=problem.coupled,
-            edge_norm=problem.edge_norm,
-        )
+        gap = duality_gap(problem, state.f, state.y, energy)
         dual = energy - gap
         fallen = dual < state.dual
         return replace(state, dual=dual, t=1.0 if fallen else state.t, restarts=state.restarts + fallen), gap
@@ -106,6 +96,37 @@ class Dual(Method):
         """The process, and how often it began anew."""
         again = f", begun anew {state.restarts} time(s)" if state.restarts else ""
         return f"Accelerated proximal gradient on the dual problem, step {state.sigma:.6g}{again}"
+
+
+def duality_gap(problem: DeviceProblem, f: Array, y: Array, energy: float) -> float:
+    """The gap between f, whose energy is given, and y, with what rounding may hide of it.
+
+    That is p machine epsilons of the energy: the largest terms of the gap, <y, df>, sum up to p times the smoothness of
+    f. Measured in float32, for p = 1 to 8 on every device: 0.13 machine epsilons.
+
+    Raises
+    ------
+    FloatingPointError
+        A gap further below 0 than that: powers under- or overflow in the type.
+    """
+    gap = problem.backend.duality_gap(
+        problem.weighted,
+        f,
+        y,
+        problem.f0,
+        problem.lam,
+        p=problem.p,
+        eps=problem.eps,
+        coupled=problem.coupled,
+        edge_norm=problem.edge_norm,
+    )
+    hidden = problem.p * float(np.finfo(problem.backend.dtype).eps) * energy
+    if gap < -16 * hidden:
+        raise FloatingPointError(
+            f"the duality gap comes out below 0: the data, lam or eps are out of the range of "
+            f"{np.dtype(problem.backend.dtype)} for p = {problem.p:g}; rescale the data, or use float64"
+        )
+    return max(gap + hidden, 0.0)
 
 
 def step_size(problem: DeviceProblem) -> float:

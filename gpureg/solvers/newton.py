@@ -26,6 +26,7 @@ from ..assembly import Difference
 from ..backends import Array
 from ..graph import FloatArray
 from ..problem import DeviceProblem
+from .dual import duality_gap
 from .loop import Method
 
 if TYPE_CHECKING:
@@ -193,21 +194,11 @@ class Newton(Method):
             inside = 1 - 32 * float(np.finfo(problem.backend.dtype).eps)
             length, most = np.sqrt(model.grouped(y**2)), model.share * inside
             y = y * np.where(length > most, most / np.where(length > 0, length, 1), 1)
-        gap = problem.backend.duality_gap(
-            problem.weighted,
-            state.f,
-            model.d.on_device(problem, y),
-            problem.f0,
-            problem.lam,
-            p=p,
-            eps=problem.eps,
-            coupled=problem.coupled,
-            edge_norm=problem.edge_norm,
-        )
+        gap = duality_gap(problem, state.f, model.d.on_device(problem, y), energy)
         if problem.eps or p >= 2:
             return state, gap
         # eps adds (eps^p / p) to the energy of a vertex at most: a part of the gap that there is
-        return replace(state, eps=min(state.eps, (_PART * p * max(gap, 0.0) / len(model.f0)) ** (1 / p))), gap
+        return replace(state, eps=min(state.eps, (_PART * p * gap / len(model.f0)) ** (1 / p))), gap
 
     def next_check(self, done: int) -> int:
         """At every step."""

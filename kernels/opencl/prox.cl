@@ -128,12 +128,14 @@ static inline realN conjugate(const realN square, const real p, const real eps)
     return (realN)(0);
 #elif PROX == 2
     return square / (2 * SHARE) - SHARE * eps * eps / 2;
-#elif PROX == 3
-    const real q = p / (p - 1);
-    return SHARE * raise(square / (SHARE * SHARE), q / 2) / q;
 #else
+#if PROX != 3
     if (p == 1) return -SHARE * eps * sqrt(fmax(1 - square / (SHARE * SHARE), (realN)(0)));
     const realN s = sqrt(square), t = length_of(s, 0, p, eps);
+#else
+    const realN s = sqrt(square), t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
+#endif
+    /* with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest */
     const realN found = s * t - SHARE * raise(t * t + eps * eps, p / 2) / p;
     /* never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write */
     return found >= -(realN)(HUGE) ? found : (realN)(INFINITY);

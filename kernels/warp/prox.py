@@ -136,23 +136,26 @@ def make(real, case, edge_norm):
         if case == "power":
 
             @wp.func
-            def conjugate(square: real, p: real, eps: real) -> real:
-                q = p / (p - one)
-                return share * raise_(square / (share * share), q / two) / q
+            def maximiser(square: real, p: real, eps: real) -> real:
+                return raise_(square / (share * share), one / (two * (p - one)))
 
         else:
 
             @wp.func
-            def conjugate(square: real, p: real, eps: real) -> real:
-                if p == one:
-                    return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
-                s = wp.sqrt(square)
-                t = length(s, zero, p, eps)
-                found = s * t - share * raise_(t * t + eps * eps, p / two) / p
-                # never below -share eps^p / p: less, or no number, is overflow of a conjugate too large to write
-                if not found >= zero - largest:
-                    return real(wp.inf)
-                return found
+            def maximiser(square: real, p: real, eps: real) -> real:
+                return length(wp.sqrt(square), zero, p, eps)
+
+        @wp.func
+        def conjugate(square: real, p: real, eps: real) -> real:
+            if p == one:
+                return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
+            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            t = maximiser(square, p, eps)
+            found = wp.sqrt(square) * t - share * raise_(t * t + eps * eps, p / two) / p
+            # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
+            if not found >= zero - largest:
+                return real(wp.inf)
+            return found
 
     @wp.func
     def duality(square: real, dual: real, product: real, p: real, eps: real) -> real:
