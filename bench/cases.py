@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from . import filters, growth, iterations, meshes
+from . import filters, growth, iterations, meshes, solvers
 from .model import Case, Setup
 
 # A function may yield cases of several names: all of them are in its key.
@@ -20,6 +20,8 @@ CASES: dict[tuple[str, ...], Callable[[Setup], Iterator[Case]]] = {
     ("window-w1", "window-w2"): iterations.window,
     ("irregular-minnesota", "irregular-luxembourg", "irregular-scale-free", "irregular-shuffled"): iterations.irregular,
     ("mesh-unit", "mesh-inverse-distance"): meshes.vertex_positions,
+    ("certified-tv",): solvers.total_variation,
+    ("certified-linear",): solvers.linear,
     ("growth-iteration",): growth.sweep_growth,
     ("growth-nlm",): growth.nlm_growth,
 }

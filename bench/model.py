@@ -143,6 +143,8 @@ class Entry:
     is_peer : bool
         Whether our times are divided by this one's.
     note : str
+    times : float
+        How often the work of the case is that of one call, where it is too long to wait for.
     """
 
     who: str
@@ -154,6 +156,7 @@ class Entry:
     operations: float | None = None
     is_peer: bool = False
     note: str = ""
+    times: float = 1.0
 
 
 @dataclass

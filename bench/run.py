@@ -96,7 +96,7 @@ class Run:
         for turn in range(self.repeats):
             for entry, row, calls in going:
                 if turn < FEWEST or sum(row["seconds"]) * calls < PATIENCE:
-                    row["seconds"].append(_timed(entry, calls))
+                    row["seconds"].append(_timed(entry, calls) * entry.times)
         for _, row, _ in going:
             row["min"], row["median"] = min(row["seconds"]), statistics.median(row["seconds"])
             self._bound(row)
