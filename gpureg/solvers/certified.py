@@ -87,6 +87,7 @@ class Certified(Solver):
     check_every = 1  # the methods know better
     most: ClassVar[int] = 20_000
     smooths: ClassVar[bool] = False
+    renews: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_settings({"tol": self.tol}, integers=())
@@ -112,9 +113,15 @@ class Certified(Solver):
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """The state of the method that suits the problem."""
-        name = self.method if self.method != "auto" else "linear" if problem.p == 2 else "dual"
-        method = METHODS[name]()
+        method = self._first(problem.p)
         return _State(method, method.start(problem, initial), 0)
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """What the method does that comes first."""
+        return self._first(problem.p).keeps
+
+    def _first(self, p: float) -> Method:
+        return METHODS[self.method if self.method != "auto" else "linear" if p == 2 else "dual"]()
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
         """From where the method ended, if it is still one for the problem."""

@@ -96,6 +96,7 @@ class Newton(Method):
     """Newton's method, primal-dual for p < 2."""
 
     patience = 20
+    keeps = (1, 1)
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step, from `initial`."""

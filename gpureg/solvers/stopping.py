@@ -11,7 +11,7 @@ import numpy as np
 
 from ..backends import Array, Conductance
 from ..graph import GridGraph
-from ..problem import DeviceProblem
+from ..problem import DeviceProblem, Problem
 from ..result import Stop
 from .loop import Course, Solver, check_settings
 
@@ -91,6 +91,10 @@ class Process(Solver):
             raise ValueError(f"tol must be finite and >= 0, got {self.tol}")
         if self.stop not in TESTS:
             raise ValueError(f"stop must be one of {', '.join(TESTS)}, got {self.stop!r}")
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """What the test needs."""
+        return int(self.stop in ("error", "gradient")), 0
 
     def watch(self, problem: DeviceProblem, initial: Array) -> Slope | Travel | None:
         """What the state needs for the test."""
