@@ -119,7 +119,7 @@ class Process(Solver):
             return Stop.GRADIENT if state.watch.now <= course.tol * state.watch.first else None
         if self.stop == "energy":
             return Stop.ENERGY if energy_decrease(course) <= course.tol * abs(course.energies[-1]) else None
-        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * _largest(problem)
+        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * largest_value(problem)
         ways, checks = state.watch.ways, course.checks[-len(state.watch.ways) :]
         if estimated_error(ways, checks, rounding) <= course.tol * course.span:
             return Stop.ERROR
@@ -162,7 +162,7 @@ def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> 
     return bool(early) and ways[-1] <= 64 * rounding and ways[-1] >= 0.8 * min(early)
 
 
-def _largest(problem: DeviceProblem) -> float:
+def largest_value(problem: DeviceProblem) -> float:
     """The size of the data, inside the mask of a grid."""
     graph, f0 = problem.problem.graph, problem.problem.f0
     if isinstance(graph, GridGraph) and graph.mask is not None:
