@@ -69,7 +69,13 @@ FLOORS: dict[str, float] = {
 # Who may import a library that is heavy, optional, or both; names of files below gpureg/, and kernels/ for itself.
 OWNERS: dict[str, tuple[str, ...]] = {
     "pyopencl": ("backends/opencl.py", "backends/opencl_graph.py", "backends/opencl_queue.py"),
-    "warp": ("backends/warp.py", "backends/warp_graph.py", "backends/warp_optimize.py", "kernels/warp/"),
+    "warp": (
+        "backends/warp.py",
+        "backends/warp_graph.py",
+        "backends/warp_layout.py",
+        "backends/warp_optimize.py",
+        "kernels/warp/",
+    ),
     "matplotlib": ("plot/",),
     "skimage": ("plot/", "cli.py"),
     "PIL": ("io.py",),

@@ -65,6 +65,19 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
     return found
 
 
+def step_length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
+    """S = share phi'(t) = r - sigma t at the t of :func:`length`, from the side that loses no digits."""
+    if p == 1 and eps == 0:
+        least: FloatArray = np.minimum(r, share)
+        return least
+    t = length(r, sigma, share, p, eps)
+    square = np.minimum(t**2 + r.dtype.type(eps) ** 2, np.finfo(r.dtype).max)
+    far = (2 * sigma * t > r) & (square > 0)
+    slope = share * t * raised(np.where(far, square, 1), (p - 2) / 2)
+    found: FloatArray = np.where(far, slope, r - r.dtype.type(sigma) * t)
+    return found
+
+
 def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
     """(share phi)*(s), s >= 0; for p = 1, where s <= share, a larger s counts as that."""
     found: FloatArray
@@ -74,9 +87,12 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
     elif p == 2:
         found = s**2 / (2 * share) - share * s.dtype.type(eps) ** 2 / 2
     else:
-        # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
-        t = length(s, 0.0, share, p, eps) if eps > 0 else raised(s / share, 1 / (p - 1))
-        found = s * t - share * raised(t**2 + s.dtype.type(eps) ** 2, p / 2) / p
+        with np.errstate(over="ignore", invalid="ignore"):
+            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            t = length(s, 0.0, share, p, eps) if eps > 0 else raised(s / share, 1 / (p - 1))
+            found = s * t - share * raised(t**2 + s.dtype.type(eps) ** 2, p / 2) / p
+        # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
+        found = np.where(np.isfinite(found), found, np.inf)
     return found
 
 
@@ -149,7 +165,7 @@ class NumpyOptimization(NumpyGraph):
         square = (z**2).sum(axis=-1, keepdims=True) if coupled else z**2
         r = np.sqrt(square if edge_norm else self._around(graph, square))
         share = 0.5 if edge_norm else 1.0
-        s = r - self.real(sigma) * length(r, sigma, share, p, eps)
+        s = step_length(r, sigma, share, p, eps)
         if p == 1:
             # inside the unit ball in spite of the roundings of a norm: the certificate needs that
             s = np.minimum(s, share * (1 - 32 * np.finfo(self.dtype).eps))

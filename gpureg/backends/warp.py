@@ -51,7 +51,8 @@ from .base import (
     patch_lines,
     reflected,
 )
-from .warp_graph import PACK_SPEED, channels_of, launch_all, quiet
+from .warp_graph import PACK_SPEED, launch_all, quiet
+from .warp_layout import channels_of
 from .warp_optimize import WarpOptimization
 
 CUDA_TIER, CPU_TIER = 0, 3

@@ -14,23 +14,22 @@ import contextlib
 import copy
 import functools
 import itertools
-import math
 import os
 import threading
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, Graph, GridGraph, opposite_edges
-from ..kernels.warp import csr, grid, pack, reals
-from .base import AnyGraph, Array, Backend, Conductance, Device, EdgeNorm, Kept, Weighted, host_weights
+from ..graph import FloatArray, GridGraph
+from ..kernels.warp import pack, reals
+from .base import AnyGraph, Array, Backend, Conductance, Device, EdgeNorm, Weighted, host_weights
+from .warp_layout import Bound, Csr, Grid, channels_of, equal_cuts
 
 # Segments of a long sum: enough to fill a GPU, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
@@ -124,155 +123,6 @@ def launch_all(commands: list[Any]) -> None:
         _pool.run(commands)
 
 
-def _equal_cuts(size: int, pieces: int) -> list[int]:
-    return [size * i // pieces for i in range(pieces + 1)]
-
-
-class Csr:
-    """A stored graph on the device."""
-
-    def __init__(self, backend: WarpGraph, graph: Graph) -> None:
-        if graph.n_edges >= 2**31:
-            raise MemoryError(
-                f"the graph has {graph.n_edges} directed edges, a Warp array holds less than 2^31: "
-                "use a GridGraph, or another backend"
-            )
-        self.shape = (1, graph.n_vertices)
-        self.weight_shape: tuple[int, ...] = (max(graph.n_edges, 1),)
-        # not the graph: the layouts are kept for as long as their graph lives
-        self._n_edges = graph.n_edges
-        self._real = backend.real
-        self._struct = csr.struct(self._real)
-        self.indptr = backend.upload(graph.indptr.astype(np.int32), wp.int32)
-        self.indices = backend.upload(graph.indices.astype(np.int32, copy=False), wp.int32)
-        # Made when it is first needed, from what does not keep the graph alive.
-        self._upload, self._topology = backend.upload, (graph.indptr, graph.indices)
-        self._mirror: Any = None
-        self._cuts: dict[int, list[int]] = {}
-        self.kept = Kept()
-
-    @property
-    def work(self) -> int:
-        return self.shape[1] + self._n_edges
-
-    def cuts(self, size: int, pieces: int) -> list[int]:
-        """Where to cut the vertices into runs of about as many edges and vertices."""
-        if size != self.shape[1]:
-            return _equal_cuts(size, pieces)
-        if pieces not in self._cuts:
-            indptr = self._topology[0]
-            ends = indptr + np.arange(len(indptr))
-            self._cuts[pieces] = np.searchsorted(ends, np.linspace(0, int(ends[-1]), pieces + 1)).tolist()
-        return self._cuts[pieces]
-
-    def pack_weights(self, weights: FloatArray) -> FloatArray:
-        return weights
-
-    def unpack_weights(self, packed: FloatArray) -> FloatArray:
-        return packed[: self._n_edges]
-
-    def edge_shape(self) -> tuple[int, ...]:
-        return (1, 1, self._n_edges)
-
-    def pack_edges(self, values: FloatArray) -> FloatArray:
-        return values.reshape(1, 1, self._n_edges, -1) if values.size else values.reshape(1, 1, 0, values.shape[-1])
-
-    def unpack_edges(self, packed: FloatArray) -> FloatArray:
-        return packed.reshape(-1, packed.shape[-1])[: self._n_edges]
-
-    def pack_gamma(self, gamma: FloatArray) -> FloatArray:
-        return gamma[..., 0]
-
-    def access(self, form: str) -> Any:
-        return csr.make(self._real, form)
-
-    def argument(self, weights: Any, mirrored: bool) -> Any:
-        argument = self._struct()
-        argument.indptr, argument.indices = self.indptr, self.indices
-        if weights is not None:
-            argument.weights = weights
-        if mirrored:
-            if self._mirror is None:
-                self._mirror = self._upload(opposite_edges(*self._topology).astype(np.int32), wp.int32)
-            argument.mirror = self._mirror
-        return argument
-
-
-class Grid:
-    """An implicit grid on the device: the layout that ``grid.py`` describes."""
-
-    def __init__(self, backend: WarpGraph, graph: GridGraph) -> None:
-        self.shape = (math.prod(graph.shape[:-1]), graph.shape[-1])
-        self.H = graph.half_window
-        self.weight_shape = (self.shape[0], max(self.H, 1), self.shape[1])
-        self._graph_shape = graph.shape
-        self._real = backend.real
-        self._struct, place, sizes = grid.struct(self._real, graph.ndim)
-        leading = graph.ndim - 1 if graph.ndim > 2 else 0
-        strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
-        rows = graph.offsets[:, :-1] @ np.array(strides, np.int64)
-        self._reach = int(np.abs(graph.offsets[:, -1]).max(initial=0))
-        steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
-        self.offsets = backend.upload(steps.astype(np.int32), place)
-        self._sizes = sizes(*graph.shape[:leading]) if leading else sizes(0)
-        self.kept = Kept()
-
-    @property
-    def work(self) -> int:
-        return math.prod(self.shape) * (1 + 2 * self.H)
-
-    def cuts(self, size: int, pieces: int) -> list[int]:
-        return _equal_cuts(size, pieces)
-
-    def pack_weights(self, weights: FloatArray) -> FloatArray:
-        rows, width = self.shape
-        return np.ascontiguousarray(weights.reshape(self.H, rows, width).transpose(1, 0, 2))
-
-    def unpack_weights(self, packed: FloatArray) -> FloatArray:
-        half = packed[:, : self.H].transpose(1, 0, 2)
-        return np.ascontiguousarray(half).reshape(self.H, *self._graph_shape)
-
-    def edge_shape(self) -> tuple[int, ...]:
-        return (self.shape[0], 2 * self.H, self.shape[1])
-
-    def pack_edges(self, values: FloatArray) -> FloatArray:
-        rows, width = self.shape
-        return np.ascontiguousarray(values.reshape(2 * self.H, rows, width, values.shape[-1]).transpose(1, 0, 2, 3))
-
-    def unpack_edges(self, packed: FloatArray) -> FloatArray:
-        planes = packed[:, : 2 * self.H].transpose(1, 0, 2, 3)
-        return np.ascontiguousarray(planes).reshape(2 * self.H, *self._graph_shape, packed.shape[-1])
-
-    def pack_gamma(self, gamma: FloatArray) -> FloatArray:
-        return self.pack_edges(gamma)[..., 0]
-
-    def access(self, form: str) -> Any:
-        return grid.make(self._real, len(self._graph_shape), form)
-
-    def argument(self, weights: Any, mirrored: bool) -> Any:
-        argument = self._struct()
-        argument.n_rows, argument.width = self.shape
-        argument.H, argument.sizes, argument.offsets = self.H, self._sizes, self.offsets
-        argument.reach = self._reach
-        if weights is not None:
-            argument.weights = weights
-        return argument
-
-
-@dataclass(frozen=True, eq=False)
-class _Bound:
-    """A graph with its weights as the kernels take it: how they read it, and their first argument."""
-
-    layout: Csr | Grid
-    access: Any
-    argument: Any
-
-
-def channels_of(x: Array) -> int:
-    """Channels of a function on the device."""
-    return int(x.dtype._shape_[0])
-
-
 class WarpGraph(Backend):
     """Graphs and functions on a Warp device, and launches of kernels over them."""
 
@@ -302,14 +152,17 @@ class WarpGraph(Backend):
     def _layout(self, graph: AnyGraph) -> Csr | Grid:
         found = self._layouts.get(graph)
         if found is None:
-            found = Grid(self, graph) if isinstance(graph, GridGraph) else Csr(self, graph)
+            if isinstance(graph, GridGraph):
+                found = Grid(self.real, self.upload, graph)
+            else:
+                found = Csr(self.real, self.upload, graph)
             self._layouts[graph] = found
         return found
 
     def _bind(self, graph: AnyGraph, weights: Any, directed: bool = False) -> Weighted:
         layout = self._layout(graph)
         form = "gamma" if directed else "unit" if weights is None else "weights"
-        bound = _Bound(layout, layout.access(form), layout.argument(weights, directed))
+        bound = Bound(layout, layout.access(form), layout.argument(weights, directed))
         return Weighted(graph, bound, weights, directed)
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
@@ -374,7 +227,7 @@ class WarpGraph(Backend):
         out: Any,
         *,
         work: int,
-        cuts: Callable[[int, int], list[int]] = _equal_cuts,
+        cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
         """Run the kernel that `make` gives for `options`, over a range of work items that does `work` in all."""
         kernel = _kernel(self._on.alias, make, *options)
@@ -429,7 +282,7 @@ class WarpGraph(Backend):
             N = _PACK_BYTES // self.dtype.itemsize if packs else _RUN
 
         def cuts(size: int, pieces: int) -> list[int]:
-            return [-(-x // N) for x in layout.cuts(width, pieces)] if rows == 1 else _equal_cuts(size, pieces)
+            return [-(-x // N) for x in layout.cuts(width, pieces)] if rows == 1 else equal_cuts(size, pieces)
 
         work = layout.work // PACK_SPEED if packs else layout.work
         options = (bound.access, *options, N, packs)

@@ -9,7 +9,8 @@ import warp as wp
 
 from ..kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
 from .base import Array, Conductance, Weighted
-from .warp_graph import WarpGraph, channels_of
+from .warp_graph import WarpGraph
+from .warp_layout import channels_of
 
 
 def _case(p: float, eps: float) -> str:

@@ -241,7 +241,8 @@ def run(
         course.energies.append(energy)
         course.changes.append(change)
         state, gap = solver.certify(problem, state, course)
-        expect_finite(backend, done, *([] if gap is None else [gap]))
+        # infinity is a gap that says nothing, as of a dual variable too large
+        expect_finite(backend, done, *([gap] if gap is not None and math.isnan(gap) else []))
         course.gaps.append(gap)
         if is_told_to_stop():
             return Stop.CALLBACK

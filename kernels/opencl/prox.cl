@@ -111,7 +111,10 @@ static inline realN prox_factor(const realN square, const real sigma, const real
     return (realN)(SHARE / (sigma + SHARE));
 #else
     const realN r = sqrt(fmin(square, (realN)(HUGE)));
-    realN s = fmax(r - sigma * length_of(r, sigma, p, eps), (realN)(0));
+    /* of the two sides of the equation the one that loses no digits */
+    const realN t = length_of(r, sigma, p, eps), square_t = fmin(t * t + eps * eps, (realN)(HUGE));
+    const laneN far = 2 * sigma * t > r && square_t > 0;
+    realN s = far ? SHARE * t * raise(far ? square_t : (realN)(1), (p - 2) / 2) : r - sigma * t;
     if (p == 1) s = fmin(s, (realN)(BALL));
     const laneN some = r > 0;
     return some ? s / (some ? r : (realN)(1)) : (realN)(1);
@@ -125,14 +128,17 @@ static inline realN conjugate(const realN square, const real p, const real eps)
     return (realN)(0);
 #elif PROX == 2
     return square / (2 * SHARE) - SHARE * eps * eps / 2;
-#elif PROX == 3
-    /* with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest */
-    const realN t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
-    return sqrt(square) * t - SHARE * raise(t * t, p / 2) / p;
 #else
+#if PROX != 3
     if (p == 1) return -SHARE * eps * sqrt(fmax(1 - square / (SHARE * SHARE), (realN)(0)));
     const realN s = sqrt(square), t = length_of(s, 0, p, eps);
-    return s * t - SHARE * raise(t * t + eps * eps, p / 2) / p;
+#else
+    const realN s = sqrt(square), t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
+#endif
+    /* with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest */
+    const realN found = s * t - SHARE * raise(t * t + eps * eps, p / 2) / p;
+    /* never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write */
+    return found >= -(realN)(HUGE) ? found : (realN)(INFINITY);
 #endif
 }
 

@@ -33,10 +33,10 @@ typedef int lane;
 #if N == 1
 typedef real realN;
 typedef lane laneN;
-#define AS_LANES(x) as_int(x)
-#define AS_FLOATS(x) convert_float(x)
-#define TO_LANES(x) convert_int(x)
-#define AS_REALS(x) as_float(x)
+#define AS_LANES(x) CONCATENATE(as_, LANE_)(x)
+#define TO_REALS(x) ((real)(x))
+#define TO_LANES(x) ((lane)(x))
+#define AS_REALS(x) CONCATENATE(as_, REAL_)(x)
 #define LOAD(p, i) ((p)[i])
 #define STORE(p, i, x) ((p)[i] = (x))
 #define LOAD_PRIVATE(p, i) ((p)[i])
@@ -45,10 +45,12 @@ typedef lane laneN;
 #else
 typedef CONCATENATE(REAL_, N) realN;
 typedef CONCATENATE(LANE_, N) laneN;
-#define AS_LANES(x) CONCATENATE(as_int, N)(x)
-#define AS_FLOATS(x) CONCATENATE(convert_float, N)(x)
-#define TO_LANES(x) CONCATENATE(convert_int, N)(x)
-#define AS_REALS(x) CONCATENATE(as_float, N)(x)
+#define AS_LANES(x) CONCATENATE(as_, laneN_)(x)
+#define TO_REALS(x) CONCATENATE(convert_, realN_)(x)
+#define TO_LANES(x) CONCATENATE(convert_, laneN_)(x)
+#define laneN_ CONCATENATE(LANE_, N)
+#define realN_ CONCATENATE(REAL_, N)
+#define AS_REALS(x) CONCATENATE(as_, realN_)(x)
 /* A pack at any number. PoCL makes a vload of 16 of loads of 2, and LLVM leaves some of them so: where the compiler is
  * clang, as PoCL's is, a pointer to packs of less alignment gives one instruction. */
 #ifdef __clang__
@@ -84,36 +86,91 @@ typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 /* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
 #define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
 
-#ifndef DOUBLE
 /* x^power = 2^(power log2 x) for x > 0, at most 11 roundings off: a third of what pow may be, and a tenth of its time on
  * PoCL, which takes a pack's pow lane by lane. With x = 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x
- * comes off power e in one fma, so that no digit of the rest is lost; log2 m is the series of the inverse tangent of
- * (m - 1)/(m + 1), cut where its terms are below a rounding. Results below 2^-126 are 0. */
-static inline realN power_of(const realN x, const real power)
+ * comes off power e in one fma, so that no digit of the rest is lost. log2 m is the series of the inverse hyperbolic
+ * tangent of (m - 1)/(m + 1), cut where its terms are below a rounding, 2^r the polynomial of exp2_scaled or, in float64,
+ * its series. What is below the normal numbers is 0. */
+#ifdef DOUBLE
+#define MANTISSA 52
+#define LEAST_NORMAL 2.2250738585072014e-308
+#define SCALE_UP 18014398509481984.0 /* 2^54 */
+#define SCALED_BY 54
+#define ROOT_BITS 0x3fe6a09e667f3bcdL /* sqrt(1/2) */
+#define EXPONENTS 1023
+static inline realN log2_over_s(const realN t)
 {
-    const laneN small = x < 1.17549435e-38f;
-    const realN scaled = small ? x * 16777216.0f : x;
-    /* the exponent of x sqrt(2): 0x3f3504f3 is sqrt(1/2) */
-    const laneN e = (AS_LANES(scaled) - 0x3f3504f3) >> 23;
-    const realN m = AS_REALS(AS_LANES(scaled) - (e << 23));
-    const realN s = (m - 1.0f) / (m + 1.0f), t = s * s;
+    realN series = t * 0.11541560327111706 + 0.12545174268599682;
+    series = series * t + 0.13739952770371081;
+    series = series * t + 0.15186263588304877;
+    series = series * t + 0.16972882833987804;
+    series = series * t + 0.19235933878519512;
+    series = series * t + 0.22195308321368667;
+    series = series * t + 0.26230818925253879;
+    series = series * t + 0.3205988979753252;
+    series = series * t + 0.41219858311113239;
+    series = series * t + 0.57707801635558531;
+    series = series * t + 0.96179669392597555;
+    series = series * t + 2.8853900817779268;
+    return series;
+}
+static inline realN exp2_of(const realN r)
+{
+    realN y = r * 1.3691488853904124e-12 + 2.5678435993488196e-11;
+    y = y * r + 4.4455382718708101e-10;
+    y = y * r + 7.0549116208011209e-09;
+    y = y * r + 1.0178086009239696e-07;
+    y = y * r + 1.3215486790144305e-06;
+    y = y * r + 1.5252733804059838e-05;
+    y = y * r + 0.00015403530393381606;
+    y = y * r + 0.0013333558146428441;
+    y = y * r + 0.0096181291076284769;
+    y = y * r + 0.055504108664821576;
+    y = y * r + 0.24022650695910069;
+    y = y * r + 0.69314718055994529;
+    y = y * r + 1;
+    return y;
+}
+#else
+#define MANTISSA 23
+#define LEAST_NORMAL 1.17549435e-38f
+#define SCALE_UP 16777216.0f /* 2^24 */
+#define SCALED_BY 24
+#define ROOT_BITS 0x3f3504f3 /* sqrt(1/2) */
+#define EXPONENTS 127
+static inline realN log2_over_s(const realN t)
+{
     realN series = t * 0.32059890f + 0.41219859f;
     series = series * t + 0.57707802f;
     series = series * t + 0.96179669f;
     series = series * t + 2.8853901f;
-    const realN log_m = series * s, exponent = AS_FLOATS(e) - (small ? (realN)(24) : (realN)(0));
-    const realN whole = rint(fma(exponent, (realN)(power), log_m * power));
-    const realN r = fma(exponent, (realN)(power), -whole) + log_m * power;
+    return series;
+}
+static inline realN exp2_of(const realN r)
+{
     realN y = r * 0.001326465280726552f + 0.009671511128544807f;
     y = y * r + 0.05550733953714371f;
     y = y * r + 0.24022242426872253f;
     y = y * r + 0.6931470036506653f;
     y = y * r + 1.0f;
-    const realN bounded = clamp(whole, (realN)(-127), (realN)(128));
-    const realN result = AS_REALS(AS_LANES(y) + (TO_LANES(bounded) << 23));
-    return whole > 127.0f ? (realN)(INFINITY) : whole < -126.0f ? (realN)(0) : result;
+    return y;
 }
 #endif
+static inline realN power_of(const realN x, const real power)
+{
+    const laneN small = x < LEAST_NORMAL;
+    const realN scaled = small ? x * SCALE_UP : x;
+    const laneN e = (AS_LANES(scaled) - ROOT_BITS) >> MANTISSA;
+    const realN m = AS_REALS(AS_LANES(scaled) - (e << MANTISSA));
+    const realN s = (m - 1) / (m + 1), log_m = log2_over_s(s * s) * s * power;
+    const realN exponent = TO_REALS(e) - (small ? (realN)(SCALED_BY) : (realN)(0));
+    const realN whole = rint(fma(exponent, (realN)(power), log_m));
+    const realN r = fma(exponent, (realN)(power), -whole) + log_m;
+    const laneN high = whole > EXPONENTS, low = whole < 1 - EXPONENTS;
+    const laneN k = TO_LANES(high || low ? (realN)(0) : whole);
+    const realN result = AS_REALS(AS_LANES(exp2_of(r)) + (k << MANTISSA));
+    return high ? (realN)(INFINITY) : low ? (realN)(0) : result;
+}
 
 /* x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items. */
 static inline realN raise(const realN x, const real power)
@@ -122,16 +179,21 @@ static inline realN raise(const realN x, const real power)
     if (power == (real)0) return (realN)(1);
     if (power == (real)0.5) return sqrt(x);
     if (power == (real)-0.5) return (realN)(1) / sqrt(x);
-    /* 0, infinity and NaN for themselves. Also, PoCL 3.1: the pow of a pack of doubles is wrong in its other lanes when one
-     * lane is 0. */
+    if (4 * power == rint(4 * power) && fabs(power) <= 3) {
+        /* p = 1.5, 3, 4, 6 and others: products and roots, which take 0 and infinity to what they should be */
+        real rest = fabs(power);
+        realN y = 1;
+        for (; rest >= 1; rest -= 1) y *= x;
+        if (rest >= (real)0.5) {
+            y *= sqrt(x);
+            rest -= (real)0.5;
+        }
+        if (rest > 0) y *= sqrt(sqrt(x));
+        return power < 0 ? 1 / y : y;
+    }
+    /* 0, infinity and NaN for themselves */
     const laneN usual = x > 0 && x < (realN)(INFINITY);
-    const realN safe = usual ? x : (realN)(1);
-#ifdef DOUBLE
-    const realN raised = pow(safe, (realN)(power));
-#else
-    const realN raised = power_of(safe, power);
-#endif
-    return usual ? raised : power > 0 ? x : 1 / x;
+    return usual ? power_of(usual ? x : (realN)(1), power) : power > 0 ? x : 1 / x;
 }
 
 /* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The nearest

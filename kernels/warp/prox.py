@@ -123,7 +123,12 @@ def make(real, case, edge_norm):
             r = wp.sqrt(wp.min(square, largest))
             if not r > zero:
                 return one
-            s = wp.max(r - sigma * length(r, sigma, p, eps), zero)
+            # of the two sides of the equation the one that loses no digits
+            t = length(r, sigma, p, eps)
+            s = r - sigma * t
+            square_t = wp.min(t * t + eps * eps, largest)
+            if two * sigma * t > r and square_t > zero:
+                s = share * t * raise_(square_t, (p - two) / two)
             if p == one:
                 s = wp.min(s, ball)
             return s / r
@@ -131,20 +136,26 @@ def make(real, case, edge_norm):
         if case == "power":
 
             @wp.func
-            def conjugate(square: real, p: real, eps: real) -> real:
-                # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
-                t = raise_(square / (share * share), one / (two * (p - one)))
-                return wp.sqrt(square) * t - share * raise_(t * t, p / two) / p
+            def maximiser(square: real, p: real, eps: real) -> real:
+                return raise_(square / (share * share), one / (two * (p - one)))
 
         else:
 
             @wp.func
-            def conjugate(square: real, p: real, eps: real) -> real:
-                if p == one:
-                    return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
-                s = wp.sqrt(square)
-                t = length(s, zero, p, eps)
-                return s * t - share * raise_(t * t + eps * eps, p / two) / p
+            def maximiser(square: real, p: real, eps: real) -> real:
+                return length(wp.sqrt(square), zero, p, eps)
+
+        @wp.func
+        def conjugate(square: real, p: real, eps: real) -> real:
+            if p == one:
+                return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
+            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            t = maximiser(square, p, eps)
+            found = wp.sqrt(square) * t - share * raise_(t * t + eps * eps, p / two) / p
+            # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
+            if not found >= zero - largest:
+                return real(wp.inf)
+            return found
 
     @wp.func
     def duality(square: real, dual: real, product: real, p: real, eps: real) -> real:
