@@ -76,6 +76,8 @@ class Job:
         Whether lam is.
     stored : bool
         Whether weights are stored; if not, the job is one sweep.
+    keeps : tuple of int
+        Functions on the vertices, and on the directed edges, that the solver keeps besides the data and two iterates.
     """
 
     channels: int = 1
@@ -84,6 +86,7 @@ class Job:
     directed: bool = False
     per_vertex: bool = False
     stored: bool = True
+    keeps: tuple[int, int] = (0, 0)
 
     def need(self, graph: AnyGraph, backend: Backend) -> Need:
         """The bytes on a graph, by what the backend says of its arrays; nothing happens on the device."""
@@ -98,6 +101,8 @@ class Job:
         arrays = [*fidelity, backend.topology_bytes(graph)]
         # the data, the last two iterates, and the conductances
         arrays += [function] * 3 + ([backend.function_bytes(graph, self.norms)] if self.norms else [])
+        functions, edges = self.keeps
+        arrays += [function] * functions + [backend.edge_bytes(graph, directed=True) * self.channels] * edges
         storage = "full"
         if found is not None and found[0].storage in backend.storages and isinstance(graph, GridGraph):
             storage = found[0].storage

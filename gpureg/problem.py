@@ -179,7 +179,7 @@ class Problem:
             graph,
             data,
             float(p),
-            as_lam(graph, lam),
+            _as_pinned(graph, as_lam(graph, lam)),
             given,
             edge_factor,
             norm,
@@ -196,6 +196,13 @@ class Problem:
 def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
     """The rows of a function that belong to vertices inside the mask."""
     return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
+
+
+def _as_pinned(graph: AnyGraph, lam: float | FloatArray) -> float | FloatArray:
+    """A fidelity per vertex without what it says of vertices outside the mask, which stay as they are."""
+    if isinstance(lam, float) or not isinstance(graph, GridGraph) or graph.mask is None:
+        return lam
+    return np.where(graph.mask.ravel(), lam, np.inf)
 
 
 def _spread(f: FloatArray) -> float:

@@ -89,7 +89,7 @@ def regularize(
     update_weights : int, optional
         Compute the weights anew from the current iterate every so many iterations (the paper's footnote 1: iterated
         bilateral filter and nonlocal means); `weights` must be an object of :mod:`gpureg.weights`. The energy is then
-        that of the current weights, and may jump.
+        that of the current weights, and may jump. Not with "certified".
     initial : array, optional
         Where to start, in the shape of `f0`; None starts at `f0`.
     backend : str, default "auto"
@@ -157,6 +157,11 @@ def regularize(
             raise TypeError(f"update_weights must be an integer, got {update_weights!r}")
         if update_weights < 1:
             raise ValueError(f"update_weights must be >= 1, got {update_weights}")
+        if not method.renews:
+            raise ValueError(
+                "update_weights needs a process such as solver='jacobi': 'certified' finds the minimum for weights "
+                "that stay. Call again with weights=gpureg.weights.guided(weights, value), value one row per vertex"
+            )
         if not isinstance(weights, Weights):
             raise ValueError(
                 "update_weights needs a weight function to compute anew, such as gpureg.weights.bilateral(...), "
@@ -254,6 +259,7 @@ def tiles_of(
         weights=problem.weights,
         directed=not isinstance(problem.gamma, str),
         per_vertex=not isinstance(problem.lam, float),
+        keeps=method.keeps(problem),
     )
     need = job.need(problem.graph, device)
     if allowed.holds(need) or max_iter == 0:

@@ -16,6 +16,7 @@ from .dual import Dual
 from .linear import Linear
 from .loop import Course, Method, Solver, check_settings
 from .newton import Newton
+from .stopping import largest_value
 
 METHODS: dict[str, type[Method]] = {"dual": Dual, "linear": Linear, "newton": Newton}
 
@@ -23,6 +24,8 @@ METHODS: dict[str, type[Method]] = {"dual": Dual, "linear": Linear, "newton": Ne
 # Iterations to go from which on Newton's method is the shorter way: at 512 x 512 it takes 3 to 5 s, as long as 300
 # iterations in numpy, and 2000 where they are compiled.
 _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
+# Machine epsilons of the largest value by which rounding moves an f that stands still: measured up to 2.
+_STILL = 4
 # Bytes of weights up to which the host is asked to make matrices of a graph.
 _HOST_EDGES = 1 << 28
 
@@ -33,6 +36,7 @@ class _State:
     inner: Any
     begun: int  # at which check of the course the method began
     before: str = ""  # what came before it
+    bound: float = -math.inf  # the highest dual energy so far
 
     @property
     def f(self) -> Array:
@@ -87,6 +91,7 @@ class Certified(Solver):
     check_every = 1  # the methods know better
     most: ClassVar[int] = 20_000
     smooths: ClassVar[bool] = False
+    renews: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_settings({"tol": self.tol}, integers=())
@@ -112,9 +117,15 @@ class Certified(Solver):
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """The state of the method that suits the problem."""
-        name = self.method if self.method != "auto" else "linear" if problem.p == 2 else "dual"
-        method = METHODS[name]()
+        method = self._first(problem.p)
         return _State(method, method.start(problem, initial), 0)
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """What the method does that comes first."""
+        return self._first(problem.p).keeps
+
+    def _first(self, p: float) -> Method:
+        return METHODS[self.method if self.method != "auto" else "linear" if p == 2 else "dual"]()
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
         """From where the method ended, if it is still one for the problem."""
@@ -133,19 +144,26 @@ class Certified(Solver):
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """The method's gap; a method that would take long makes room for Newton's."""
-        inner, gap = state.method.certify(problem, state.inner, course.energies[-1])
-        state = replace(state, inner=inner)
+        energy = course.energies[-1]
+        inner, gap = state.method.certify(problem, state.inner, energy)
+        # no dual energy is above the minimum: the highest may be an earlier one
+        bound = max(state.bound, energy - gap)
+        gap = min(gap, max(energy - bound, 0.0))
+        state = replace(state, inner=inner, bound=bound)
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
             if _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
                 before = f"{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
-                return _State(newton, newton.start(problem, inner.f), len(course.checks), before), gap
+                return _State(newton, newton.start(problem, inner.f), len(course.checks), before, bound), gap
         return state, gap
 
     def judge(self, problem: DeviceProblem, state: _State, course: Course) -> Stop | None:
-        """A gap within the tolerance, or one that has not fallen by a fifth while the iterations doubled."""
+        """A gap within the tolerance, or one that rounding keeps from falling.
+
+        That is a gap which has not fallen by a fifth while the iterations doubled, at an f that hardly moves.
+        """
         gaps = [gap for gap in course.gaps if gap is not None]
         if course.tol is not None and gaps[-1] <= course.tol * course.energies[-1]:
             return Stop.GAP
@@ -156,7 +174,8 @@ class Certified(Solver):
         done = checks[-1] - checks[0]
         early = [gap for gap, at in zip(gaps, checks, strict=True) if 2 * (at - checks[0]) <= done]
         if done >= state.method.patience and min(gaps) > 0.8 * min(early):
-            return Stop.PRECISION
+            unit = float(np.finfo(problem.backend.dtype).eps) * largest_value(problem)
+            return Stop.PRECISION if course.changes[-1] <= _STILL * unit else None
         return None
 
     def describe(self, state: _State) -> str:

@@ -39,6 +39,8 @@ class _State:
 class Dual(Method):
     """FISTA on the dual problem."""
 
+    keeps = (1, 2)
+
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """From y = 0, or from the slopes of `initial` where these are better."""
         backend, weighted, m = problem.backend, problem.weighted, problem.channels

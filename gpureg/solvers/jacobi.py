@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..backends import Array
-from ..problem import DeviceProblem
-from .anderson import Anderson
+from ..problem import DeviceProblem, Problem
+from .anderson import MEMORY, Anderson
 from .loop import check_settings
 from .stopping import LOCAL, Process, Slope, Travel
 
@@ -115,6 +115,11 @@ class Jacobi(Process):
                 "stop='error' observes the rate of a process, and accelerated sweeps have none: use stop='gradient', "
                 "or accelerate=False"
             )
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """What the test needs, and sweeps to mix: residuals and images, and a place for the mix."""
+        functions, edges = super().keeps(problem)
+        return functions + (2 * (MEMORY + 1) + 1 if self.accelerate else 0), edges
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first sweep."""

@@ -65,6 +65,7 @@ class Linear(Method):
     """Conjugate gradients, preconditioned by the diagonal; one step of cosines where they are the eigenvectors."""
 
     patience = 50
+    keeps = (5, 0)
 
     def start(self, problem: DeviceProblem, initial: Array) -> Any:
         """State before the first step."""

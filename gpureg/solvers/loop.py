@@ -55,9 +55,15 @@ class Solver(ABC):
     most: ClassVar[int] = 100
     # Whether p < 2 needs eps > 0.
     smooths: ClassVar[bool] = True
+    # Whether weights may change under way.
+    renews: ClassVar[bool] = True
 
     def accept(self, problem: Problem) -> None:  # noqa: B027
         """ValueError unless this solver can take the problem."""
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """Functions on the vertices, and on the directed edges, that it keeps besides the data and two iterates."""
+        return 0, 0
 
     def next_check(self, state: Any, done: int) -> int:
         """The number of iterations after which energy and change are looked at next."""
@@ -95,6 +101,8 @@ class Method(ABC):
 
     # Iterations before which a gap that stands still is not held against the floating-point type.
     patience: ClassVar[int] = 100
+    # Functions on the vertices, and on the directed edges, besides the data and two iterates: the first is the start.
+    keeps: ClassVar[tuple[int, int]]
 
     @abstractmethod
     def start(self, problem: DeviceProblem, initial: Array) -> Any:

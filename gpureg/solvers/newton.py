@@ -96,6 +96,7 @@ class Newton(Method):
     """Newton's method, primal-dual for p < 2."""
 
     patience = 20
+    keeps = (1, 1)
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step, from `initial`."""
@@ -156,7 +157,9 @@ class Newton(Method):
         if halved == _HALVINGS:  # what is left is rounding
             theta = 0.0
         dh = D @ h
-        y = g * (share * (df + dh) - (2 - p) * q ** (-p / 2) * (y if p < 2 else share * g * df) * grouped(df * dh))
+        # for p >= 2, y = share g df and g = q^((p-2)/2): not q^(-p/2) g, the first of which may overflow
+        turned = q ** (-p / 2) * y if p < 2 else share / q * df
+        y = g * (share * (df + dh) - (2 - p) * turned * grouped(df * dh))
         host = f + theta * h
         return replace(
             state,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..backends import Array, Conductance
 from ..graph import GridGraph
-from ..problem import DeviceProblem
+from ..problem import DeviceProblem, Problem
 from ..result import Stop
 from .loop import Course, Solver, check_settings
 
@@ -92,6 +92,10 @@ class Process(Solver):
         if self.stop not in TESTS:
             raise ValueError(f"stop must be one of {', '.join(TESTS)}, got {self.stop!r}")
 
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """What the test needs."""
+        return int(self.stop in ("error", "gradient")), 0
+
     def watch(self, problem: DeviceProblem, initial: Array) -> Slope | Travel | None:
         """What the state needs for the test."""
         if self.stop == "error":
@@ -115,7 +119,7 @@ class Process(Solver):
             return Stop.GRADIENT if state.watch.now <= course.tol * state.watch.first else None
         if self.stop == "energy":
             return Stop.ENERGY if energy_decrease(course) <= course.tol * abs(course.energies[-1]) else None
-        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * _largest(problem)
+        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * largest_value(problem)
         ways, checks = state.watch.ways, course.checks[-len(state.watch.ways) :]
         if estimated_error(ways, checks, rounding) <= course.tol * course.span:
             return Stop.ERROR
@@ -158,7 +162,7 @@ def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> 
     return bool(early) and ways[-1] <= 64 * rounding and ways[-1] >= 0.8 * min(early)
 
 
-def _largest(problem: DeviceProblem) -> float:
+def largest_value(problem: DeviceProblem) -> float:
     """The size of the data, inside the mask of a grid."""
     graph, f0 = problem.problem.graph, problem.problem.f0
     if isinstance(graph, GridGraph) and graph.mask is not None:
