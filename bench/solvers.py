@@ -133,7 +133,7 @@ def _linear(setup: Setup, label: str, graph: Any, f0: Image, name: str) -> Case:
                 said = f"gap {result.gap / result.energy[-1]:.1e} after {result.iterations}, {off:.1e} off at most"
                 return bool(result.gap <= share * result.energy[-1]), f"{method}: {said}"
 
-            entries.append(Entry(f"{one}, {method}", run, lambda: None, check, HOST))
+            entries.append(Entry(one if method == "auto" else f"{one} by {method}", run, lambda: None, check, HOST))
     entries += _peers(graph, f0, lam)
     return Case(
         "certified-linear",

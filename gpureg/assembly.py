@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from .problem import DeviceProblem
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-    from scipy.sparse import csr_array
+    from scipy.sparse import csc_array, csr_array
 
 
 @dataclass(frozen=True)
@@ -104,27 +105,52 @@ class Difference:
         The vertex at which each edge starts.
     place : (D,) int array
         Where it stands in a host function on the directed edges.
+    edges : Edges
+        The same without a direction: row k is (u, v) of edge k, row E + k its opposite.
     """
 
     matrix: csr_array
-    adjoint: csr_array
+    adjoint: csc_array
     start: IntArray
     place: IntArray
+    edges: Edges
 
     @classmethod
     def of(cls, problem: DeviceProblem) -> Difference:
         """The difference of a problem, for functions in the caller's variable f."""
-        from scipy.sparse import coo_array
+        from scipy.sparse import csr_array
 
         e = undirected_edges(problem)
         e = e[(e.there > 0) | (e.back > 0)]
         start, end = np.concatenate([e.u, e.v]), np.concatenate([e.v, e.u])
         own, other = np.concatenate([e.there, e.back]), np.concatenate([e.back, e.there])
-        edges = np.arange(len(start))
-        places = (np.concatenate([edges, edges]), np.concatenate([end, start]))
+        # a row has two entries: no sorting needed
+        values, columns = np.stack([other, -own], axis=1).ravel(), np.stack([end, start], axis=1).ravel()
         shape = (len(start), problem.weighted.graph.n_vertices)
-        matrix = coo_array((np.concatenate([other, -own]), places), shape=shape).tocsr()
-        return cls(matrix, matrix.T.tocsr(), start, np.concatenate([e.place, e.place_back]))
+        matrix = csr_array((values, columns, np.arange(0, len(columns) + 1, 2)), shape=shape)
+        return cls(matrix, matrix.T, start, np.concatenate([e.place, e.place_back]), e)
+
+    def laplacian(self, c: FloatArray, diagonal: FloatArray) -> csr_array:
+        """The matrix of d* c d plus a diagonal, for a conductance c of each directed edge, (D,)."""
+        from scipy.sparse import csr_array
+
+        e, n = self.edges, self.matrix.shape[1]
+        both = c[: len(e.u)] + c[len(e.u) :]
+        own = np.bincount(e.u, e.there**2 * both, minlength=n) + np.bincount(e.v, e.back**2 * both, minlength=n)
+        across = -e.there * e.back * both
+        order, indices, indptr = self._pattern
+        return csr_array((np.concatenate([own + diagonal, across, across])[order], indices, indptr), shape=(n, n))
+
+    @functools.cached_property
+    def _pattern(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Where the numbers of a Laplacian go: vertices, then edges, then their opposites."""
+        from scipy.sparse import coo_array
+
+        e, n = self.edges, self.matrix.shape[1]
+        vertices, numbers = np.arange(n), np.arange(n + 2 * len(e.u))
+        rows, columns = np.concatenate([vertices, e.u, e.v]), np.concatenate([vertices, e.v, e.u])
+        pattern = coo_array((numbers, (rows, columns)), shape=(n, n)).tocsr()
+        return pattern.data, pattern.indices, pattern.indptr
 
     def on_device(self, problem: DeviceProblem, y: FloatArray) -> Array:
         """A function on these edges, (D, m), on the device; 0 on all others."""

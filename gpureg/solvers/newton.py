@@ -177,11 +177,14 @@ class Newton(Method):
         """A cycle for lam + d* c d: one matrix for all channels, or one each."""
         from scipy.sparse import csr_array, diags_array
 
+        lam, free = model.lam[:, 0], model.free[:, 0]
+
         def of(c: FloatArray) -> csr_array:
-            inside = diags_array(model.free[:, 0])
-            matrix = inside @ (model.d.adjoint @ diags_array(c) @ model.d.matrix) @ inside
-            matrix = matrix + diags_array(model.lam[:, 0] + (1 - model.free[:, 0]))
-            return csr_array(matrix)
+            matrix = model.d.laplacian(c, lam)
+            if free.all():
+                return matrix
+            inside = diags_array(free)
+            return csr_array(inside @ matrix @ inside + diags_array(1 - free))
 
         cycles = [multigrid.cycle(of(c[:, k])) for k in range(c.shape[1])]
         if len(cycles) == 1:

@@ -1,0 +1,22 @@
+"""The page on solvers runs, and prints what it says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pages
+import pytest
+
+PAGE = Path(__file__).parent.parent / "docs" / "solvers.md"
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
+def test_page_prints_what_it_says(tmp_path, monkeypatch):
+    """Words are the same; numbers agree to 2 percent: where an iteration stops differs between devices."""
+    pytest.importorskip("skimage")
+    monkeypatch.delenv("GPUREG_BACKEND", raising=False)
+    ran = list(pages.run(PAGE, tmp_path))
+    assert len(ran) == 5
+    for block in ran:
+        assert block.said, f"line {block.line} says nothing"
+        assert pages.same(block.said, block.printed, 2e-2), f"line {block.line}: {block.printed}"
