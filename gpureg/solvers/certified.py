@@ -12,7 +12,7 @@ from .. import multigrid
 from ..backends import Array
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
-from .dual import Dual
+from .dual import Dual, hidden
 from .linear import Linear
 from .loop import Course, Method, Solver, check_settings
 from .newton import Newton
@@ -147,8 +147,8 @@ class Certified(Solver):
         energy = course.energies[-1]
         inner, gap = state.method.certify(problem, state.inner, energy)
         # no dual energy is above the minimum: the highest may be an earlier one
+        gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)
-        gap = min(gap, max(energy - bound, 0.0))
         state = replace(state, inner=inner, bound=bound)
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph
