@@ -115,8 +115,6 @@ def as_lines(report: dict[str, Any]) -> str:
         size = f"{report['width']} x {report['height']}"
     size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
     if report.get("gap") is not None:
-        lines.append(
-            f"minimum  within {report['gap']:.3g} of the energy reached, {report['energy'][-1]:.6g}: {report['stop']}"
-        )
+        lines.append(f"minimum  the energy, {report['energy'][-1]:.6g}, is at most {report['gap']:.2g} above it")
     lines.append(f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}")
     return "\n".join(lines)
