@@ -153,7 +153,10 @@ class Certified(Solver):
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
-            if _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
+            # a tolerance below the rounding of the gap is out of every method's reach
+            rounding = problem.p * float(np.finfo(backend.dtype).eps)
+            within = course.tol is not None and course.tol > rounding
+            if within and _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
                 before = f"{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
                 return _State(newton, newton.start(problem, inner.f), len(course.checks), before, bound), gap
