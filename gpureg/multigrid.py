@@ -33,7 +33,7 @@ def cycle(A: csr_array) -> Preconditioner:
     import pyamg
     from scipy.sparse import csr_matrix
 
-    solver = pyamg.ruge_stuben_solver(csr_matrix(A), max_coarse=300, coarse_solver="splu")
+    solver = pyamg.ruge_stuben_solver(csr_matrix(A), max_coarse=50)
     apply = solver.aspreconditioner(cycle="V").matvec
 
     def on_columns(r: FloatArray) -> FloatArray:
