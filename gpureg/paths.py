@@ -14,7 +14,7 @@ from . import backends
 from .graph import Graph, GridGraph
 from .memory import budget
 from .problem import DeviceProblem, Problem
-from .regularization import regularize, result_of, tiles_of
+from .regularization import as_run, regularize, result_of, tiles_of
 from .result import Result
 from .solvers import Solver, resolve, run
 
@@ -52,9 +52,7 @@ class Series:
     ) -> None:
         self._f0, self._graph, self._model, self._memory = f0, graph, model, memory
         self._solver = resolve(solver)
-        self._max_iter = self._solver.most if max_iter is None else max_iter
-        self._tol = self._solver.tol if tol is None else tol
-        self._dtype = np.dtype(np.float32 if dtype is None else dtype)
+        self._max_iter, self._tol, self._dtype = as_run(self._solver, max_iter, tol, dtype)
         self._backend = backend
         self._on: DeviceProblem | None = None
         self._state: Any = None

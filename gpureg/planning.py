@@ -15,7 +15,7 @@ from .noise import estimate_noise
 from .pixels import checked, contrast, for_a_guide, pixels_of
 from .plan import DenoisePlan, solve
 from .rule import nonlocal_rule
-from .solvers import Solver
+from .solvers import Certified, Solver, resolve
 from .tuning.explanation import reasons_for
 from .tuning.fidelity import LAM_METHODS, LamMethod, choose_lam, lam_rule
 from .weights import Constant, Weights, constant, patch
@@ -100,6 +100,9 @@ def plan_denoising(
         raise ValueError(f"p must be finite and > 0, got {p}")
     if max_iter is not None and max_iter < 0:
         raise ValueError(f"max_iter must be >= 0, got {max_iter}")
+    method = resolve(solver)
+    # a solver with a tolerance of its own ends where that is met
+    converges = isinstance(method, Certified)
     wish: LamMethod | None = None
     if isinstance(lam, str):
         if lam not in LAM_METHODS:
@@ -160,7 +163,7 @@ def plan_denoising(
                 weights = for_a_guide(weights)
             if nearest is not None:
                 weights, default_lam = _patches(noise, channels, ndim), 2.0
-            if nearest is not None or max_iter not in (None, 1) or tol is not None:
+            if nearest is not None or max_iter not in (None, 1) or tol is not None or converges:
                 average_radius = None  # patches are averaged after one sweep on the grid alone
     else:
         degree = 2.0 if p is None else p
@@ -173,8 +176,10 @@ def plan_denoising(
             default_lam = lam_rule(array, noise, degree, channel_axis=channel_axis, mask=mask, local=local)
         # at p = 2 more sweeps only blur
         default_iterations = 3 if degree == 2 else 200 if nearest is None else 4
-        if tol is None and max_iter is None and degree != 2:
+        if tol is None and max_iter is None and degree != 2 and not converges:
             tol, reasons["tol"] = 1e-4, "rule"
+    if converges:
+        default_iterations = method.most
     plan = DenoisePlan(
         sigma=noise if estimated or sigma is not None else None,
         estimated=estimated,

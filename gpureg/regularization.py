@@ -144,14 +144,7 @@ def regularize(
     """
     begin = time.perf_counter()
     method = resolve(solver)
-    max_iter = method.most if max_iter is None else max_iter
-    tol = method.tol if tol is None else tol
-    if isinstance(max_iter, bool) or not isinstance(max_iter, int | np.integer):
-        raise TypeError(f"max_iter must be an integer, got {max_iter!r}")
-    if max_iter < 0:
-        raise ValueError(f"max_iter must be >= 0, got {max_iter}")
-    if tol is not None and (isinstance(tol, bool) or not isinstance(tol, int | float | np.integer | np.floating)):
-        raise TypeError(f"tol must be a number, got {tol!r}")
+    max_iter, tol, kind = as_run(method, max_iter, tol, dtype)
     if update_weights is not None:
         if isinstance(update_weights, bool) or not isinstance(update_weights, int | np.integer):
             raise TypeError(f"update_weights must be an integer, got {update_weights!r}")
@@ -169,11 +162,6 @@ def regularize(
             )
     if callback is not None and not callable(callback):
         raise TypeError(f"callback must be callable, got {callback!r}")
-    if tol is not None and not (math.isfinite(tol) and tol >= 0):
-        raise ValueError(f"tol must be finite and >= 0, got {tol}")
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
-    if kind not in (np.float32, np.float64):
-        raise ValueError(f"dtype must be float32 or float64, got {kind}")
     problem = Problem.make(
         f0,
         graph,
@@ -194,28 +182,46 @@ def regularize(
     device = backends.get(backend, kind)
     steps = None if update_weights is None else int(update_weights)
     threshold = None if tol is None else tol * (problem.data_range or 1.0)
-    tiles = tiles_of(problem, device, method, budget(device, memory), int(max_iter), tol, callback, steps)
+    tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, steps)
     first = problem.f0 if start is None else start
     # Numbers out of the type's range are found by the loop, which says so in a sentence.
     with np.errstate(over="ignore", invalid="ignore"):
         if tiles is not None:
-            return _in_tiles(
-                problem, device, method, tiles, first, f0, int(max_iter), threshold, steps, progress, begin
-            )
-        with progress_bar(progress, int(max_iter)) as report:
+            return _in_tiles(problem, device, method, tiles, first, f0, max_iter, threshold, steps, progress, begin)
+        with progress_bar(progress, max_iter) as report:
             on_device = DeviceProblem.put(problem, device)
             outcome = run(
                 on_device,
                 method,
                 # a buffer of its own: the sweeps write over it
                 on_device.put_function(first),
-                max_iter=int(max_iter),
+                max_iter=max_iter,
                 tol=tol,
                 callback=callback,
                 report=report,
                 update_weights=steps,
             )
     return result_of(outcome, f0, graph, begin)
+
+
+def as_run(
+    method: Solver, max_iter: int | None, tol: float | None, dtype: npt.DTypeLike | None
+) -> tuple[int, float | None, np.dtype[Any]]:
+    """Iterations at most, tolerance and type, checked; what the solver says where there is none."""
+    most = method.most if max_iter is None else max_iter
+    tol = method.tol if tol is None else tol
+    if isinstance(most, bool) or not isinstance(most, int | np.integer):
+        raise TypeError(f"max_iter must be an integer, got {most!r}")
+    if most < 0:
+        raise ValueError(f"max_iter must be >= 0, got {most}")
+    if tol is not None and (isinstance(tol, bool) or not isinstance(tol, int | float | np.integer | np.floating)):
+        raise TypeError(f"tol must be a number, got {tol!r}")
+    if tol is not None and not (math.isfinite(tol) and tol >= 0):
+        raise ValueError(f"tol must be finite and >= 0, got {tol}")
+    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
+    if kind not in (np.float32, np.float64):
+        raise ValueError(f"dtype must be float32 or float64, got {kind}")
+    return int(most), None if tol is None else float(tol), kind
 
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:

@@ -35,6 +35,7 @@ def _run(plan: DenoisePlan, result: Result) -> dict[str, Any]:
         "iterations": result.iterations,
         "stop": result.stop.name.lower(),
         "energy": [number(energy) for energy in result.energy.tolist()],
+        "gap": None if result.gap is None else number(result.gap),
         "eps": result.eps,
     }
 
@@ -113,5 +114,9 @@ def as_lines(report: dict[str, Any]) -> str:
     else:
         size = f"{report['width']} x {report['height']}"
     size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
+    if report.get("gap") is not None:
+        lines.append(
+            f"minimum  within {report['gap']:.3g} of the energy reached, {report['energy'][-1]:.6g}: {report['stop']}"
+        )
     lines.append(f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}")
     return "\n".join(lines)

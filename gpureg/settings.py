@@ -35,6 +35,7 @@ class Settings:
     radius: float | None = None
     metric: Metric | None = None
     norm: Norm = "vertex"
+    solver: Literal["jacobi", "certified"] = "jacobi"
     max_iter: int | None = None
     tol: float | None = None
     eps: float | None = None
@@ -61,7 +62,8 @@ class Settings:
     def run(self) -> dict[str, Any]:
         """What :func:`gpureg.image.run_plan` is told besides the plan and the picture."""
         # without the pixel itself a sweep at p = 2 is a plain mean, and no iteration that could swing
-        solver: str | Solver = Jacobi(damping=1) if self.centre == "none" else "jacobi"
+        plain = self.centre == "none" and self.solver == "jacobi"
+        solver: str | Solver = Jacobi(damping=1) if plain else self.solver
         return {
             "solver": solver,
             "norm": self.norm,
@@ -196,6 +198,7 @@ def plan_of(
         guide=None if settings.guide is None else part,  # that there is one is what matters here
         nearest=settings.nearest,
         norm=settings.norm,
+        solver=settings.run()["solver"],
         max_iter=settings.max_iter,
         tol=settings.tol,
         eps=settings.eps,

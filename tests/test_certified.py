@@ -161,7 +161,7 @@ def test_closed_forms(known: closed_forms.Known) -> None:
 
 
 def test_bounds_are_not_idle() -> None:
-    """The energy's excess is a good part of the gap, and the error of its bound: measured 0.27 to 0.88, 0.14 to 0.47."""
+    """The energy's excess is a good part of the gap, the error of its bound: measured 0.27 to 0.88 and 0.14 to 0.47."""
     f0, graph = noisy(), gr.GridGraph((24, 20), 1, "cityblock")
     for p in P:
         given = {"p": p, "lam": fidelity(p)}

@@ -12,7 +12,7 @@ from .. import multigrid
 from ..backends import Array
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
-from .dual import Dual
+from .dual import Dual, hidden
 from .linear import Linear
 from .loop import Course, Method, Solver, check_settings
 from .newton import Newton
@@ -147,13 +147,16 @@ class Certified(Solver):
         energy = course.energies[-1]
         inner, gap = state.method.certify(problem, state.inner, energy)
         # no dual energy is above the minimum: the highest may be an earlier one
+        gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)
-        gap = min(gap, max(energy - bound, 0.0))
         state = replace(state, inner=inner, bound=bound)
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
-            if _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
+            # a tolerance below the rounding of the gap is out of every method's reach
+            rounding = problem.p * float(np.finfo(backend.dtype).eps)
+            within = course.tol is not None and course.tol > rounding
+            if within and _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
                 before = f"{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
                 return _State(newton, newton.start(problem, inner.f), len(course.checks), before, bound), gap
