@@ -35,9 +35,8 @@ def _run(plan: DenoisePlan, result: Result) -> dict[str, Any]:
         "iterations": result.iterations,
         "stop": result.stop.name.lower(),
         "energy": [number(energy) for energy in result.energy.tolist()],
-        "gap": None if result.gap is None else number(result.gap),
         "eps": result.eps,
-    }
+    } | ({} if result.gap is None else {"gap": number(result.gap)})
 
 
 def report_of(
