@@ -28,13 +28,16 @@ TYPES = ((np.float64, 1e-5), (np.float32, 1e-4))
 
 @dataclass(frozen=True)
 class Problem:
-    """Data with noise, without it, and the fidelities of DEGREES at which about as much as the noise is taken away."""
+    """Data without noise, the noise, and by norm the fidelities of DEGREES at which as much as the noise is taken away.
+
+    They are those of the discrepancy principle, :func:`gpureg.tuning.discrepancy`, to two digits.
+    """
 
     name: str
     graph: Any
     clean: Image
     sigma: float
-    lams: tuple[float, ...]
+    lams: dict[str, tuple[float, ...]]
 
     def noisy(self) -> Image:
         """The data."""
@@ -50,7 +53,8 @@ def problems(quick: bool) -> Iterator[Problem]:
         side = 32 if quick else 128
         camera = skimage.camera()[200 : 200 + side, 180 : 180 + side] / 255.0
         grid = gr.GridGraph(camera.shape, metric="cityblock")
-        yield Problem(f"camera {side}x{side}", grid, camera, 0.1, (14, 8, 4, 1, 0.3, 0.01))
+        lams = {"vertex": (13, 7.7, 3.5, 1.1, 0.11, 1.5e-4), "edge": (10, 5.2, 2.1, 0.55, 0.038, 1.3e-5)}
+        yield Problem(f"camera {side}x{side}", grid, camera, 0.1, lams)
     bunny, streets, trimesh = (
         data("meshes", "stanford_bunny.ply"),
         data("graphs", "luxembourg_osm.mtx.gz"),
@@ -60,12 +64,14 @@ def problems(quick: bool) -> Iterator[Problem]:
         mesh = trimesh.load(bunny, process=False)
         positions = np.asarray(mesh.vertices) / float(mesh.edges_unique_length.mean())
         graph = gr.Graph.from_edges(mesh.edges_unique, n_vertices=len(positions))
-        yield Problem("bunny, in edge lengths", graph, positions, 0.2, (8, 4, 3, 2, 1, 0.5))
+        lams = {"vertex": (1.5, 1.7, 2.2, 3.4, 8.4, 140), "edge": (1.5, 1.5, 1.6, 1.7, 2, 3.2)}
+        yield Problem("bunny, in edge lengths", graph, positions, 0.2, lams)
     if streets is not None and not quick:
         graph = gr.read_graph(streets)
         noise = np.random.default_rng(SEED).standard_normal(graph.n_vertices)
         smooth = gr.regularize(noise, graph, p=2, lam=0.02, solver="certified", dtype=np.float64).value
-        yield Problem("Luxembourg", graph, smooth / smooth.std(), 0.3, (3, 3, 2, 1, 1, 1))
+        lams = {"vertex": (2.4, 1.7, 1, 0.44, 0.1, 1.3e-3), "edge": (1.3, 0.93, 0.54, 0.23, 0.037, 1.8e-4)}
+        yield Problem("Luxembourg", graph, smooth / smooth.std(), 0.3, lams)
 
 
 def solved(problem: Problem, norm: str, p: float, lam: float, device: str, dtype: Any, tol: float) -> dict[str, Any]:
@@ -137,7 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
     print("".join(f"{name:{width}}" for name, width, _ in COLUMNS) + "  method")
     for problem in problems(options.quick):
         for norm in ("vertex", "edge"):
-            for p, lam in zip(DEGREES, problem.lams, strict=True):
+            for p, lam in zip(DEGREES, problem.lams[norm], strict=True):
                 for device in devices:
                     for dtype, tol in TYPES:
                         rows.append(solved(problem, norm, p, lam, device, dtype, tol))
