@@ -92,7 +92,7 @@ def _matrix(graph: Any, lam: float) -> Any:
 
 
 def linear(setup: Setup) -> Iterator[Case]:
-    """Small lam at p = 2: a grid with cosines, one without, the bunny's positions."""
+    """Small lam at p = 2: a grid whose eigenvectors are cosines, one with other edges, the bunny's positions."""
     side = setup.pick(1024, 128, 24)
     _, noisy, name = setup.noisy(side)
     problems: list[tuple[str, Any, Image]] = [

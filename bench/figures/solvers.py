@@ -39,7 +39,7 @@ def course(f0: Any, p: float, lam: float, solver: Any, quick: bool, backend: str
     """Seconds, energies and gaps at each check; None where the solver is not made for this p."""
     if isinstance(solver, gr.Certified) and (solver.method == "linear") != (p == 2) and solver.method != "newton":
         return None
-    # the 8-neighbour graph: at p = 2 its system has no cosines
+    # the 8-neighbour graph: at p = 2 cosines do not solve its system in one step
     graph = gr.GridGraph(f0.shape)
     eps = None if p == 2 else EPS
     settings = {"p": p, "lam": lam, "eps": eps, "backend": backend, "dtype": np.float64, "max_iter": MOST[quick]}

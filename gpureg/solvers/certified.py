@@ -56,9 +56,10 @@ class Certified(Solver):
     tol : float, default 1e-4
         Stop once the gap is at most this share of the energy.
     method : {"auto", "dual", "linear", "newton"}, default "auto"
-        "linear": p = 2 alone, whose minimiser solves a linear system; conjugate gradients on the device, or cosines on
-        a grid whose neighbours have weight 1. "dual": accelerated proximal gradient steps on the dual problem, on the
-        device. "newton": primal-dual Newton steps, few and costly, on the host, with algebraic multigrid (pyamg).
+        "linear": p = 2 alone, whose minimiser solves a linear system; conjugate gradients on the device, preconditioned
+        by cosines on a grid without mask and weights, if lam is a number, by the diagonal elsewhere. "dual":
+        accelerated proximal gradient steps on the dual problem, on the device. "newton": primal-dual Newton steps, few
+        and costly, on the host, with algebraic multigrid (pyamg).
         "auto" begins with "linear" for p = 2, with "dual" otherwise, and goes on with "newton" where that would take
         long (a small lam) and pyamg is installed.
 
