@@ -22,6 +22,7 @@ CASES: dict[tuple[str, ...], Callable[[Setup], Iterator[Case]]] = {
     ("mesh-unit", "mesh-inverse-distance"): meshes.vertex_positions,
     ("certified-tv",): solvers.total_variation,
     ("certified-linear",): solvers.linear,
+    ("accelerated-sweeps",): solvers.acceleration,
     ("growth-iteration",): growth.sweep_growth,
     ("growth-nlm",): growth.nlm_growth,
 }

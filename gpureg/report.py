@@ -35,9 +35,8 @@ def _run(plan: DenoisePlan, result: Result) -> dict[str, Any]:
         "iterations": result.iterations,
         "stop": result.stop.name.lower(),
         "energy": [number(energy) for energy in result.energy.tolist()],
-        "gap": None if result.gap is None else number(result.gap),
         "eps": result.eps,
-    }
+    } | ({} if result.gap is None else {"gap": number(result.gap)})
 
 
 def report_of(
@@ -115,8 +114,6 @@ def as_lines(report: dict[str, Any]) -> str:
         size = f"{report['width']} x {report['height']}"
     size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
     if report.get("gap") is not None:
-        lines.append(
-            f"minimum  within {report['gap']:.3g} of the energy reached, {report['energy'][-1]:.6g}: {report['stop']}"
-        )
+        lines.append(f"minimum  the energy, {report['energy'][-1]:.6g}, is at most {report['gap']:.2g} above it")
     lines.append(f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}")
     return "\n".join(lines)

@@ -223,6 +223,19 @@ def test_every_number_is_kept(noisy, tmp_path):
     assert got["stop"] == "max_iter"
 
 
+def test_certified_says_how_far_it_is_from_the_minimum(noisy, tmp_path):
+    got = report(noisy, tmp_path / "o.png", "--p", 1, "--solver", "certified", "--tol", 1e-3)
+    assert got["stop"] == "gap"
+    assert 0 <= got["gap"] <= 1e-3 * got["energy"][-1]
+    sweeps = report(noisy, tmp_path / "s.png", "--p", 1, "--lam", got["lam"], "--eps", 1e-3, "--max-iter", 300)
+    # a little eps only adds to the energy: no sweep gets below the bound
+    assert "gap" not in sweeps
+    assert sweeps["energy"][-1] >= got["energy"][-1] - got["gap"]
+    said = done(denoise(noisy, tmp_path / "o.png", "--p", 1, "--solver", "certified"))
+    assert re.search(r"minimum  the energy, [\d.e+]+, is at most [\d.e+-]+ above it", said)
+    failed(denoise(noisy, tmp_path / "o.png", "--p", 0.5, "--solver", "certified"), 2, "needs p >= 1")
+
+
 def test_tolerance_stops(noisy, tmp_path):
     got = report(noisy, tmp_path / "o.png", "--p", 1, "--tol", 0.01, "--max-iter", 500)
     assert got["stop"] == "tolerance" and got["iterations"] < 500

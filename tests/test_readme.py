@@ -32,7 +32,7 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         "f0": rng(5).random(40),
     }
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.S)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     exec(blocks[0].replace("gr.denoise_image(image)  ", "gr.denoise_image(image[..., 0])  "), scene)
     assert scene["clean"].shape == (24, 25)
     assert scene["flat"].shape == (24, 25, 3)
@@ -49,6 +49,9 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert set(scene["classes"].tolist()) <= {-1, 0, 1}
     assert scene["smooth"].shape == (40,)
     assert (tmp_path / "streets.mtx.gz").exists()
+    exec(blocks[4], scene)
+    assert scene["result"].lower_bound <= scene["result"].energy[-1]
+    assert len(scene["path"]) == 3
 
     # photons on a ramp, and what the camera adds
     light = np.add.outer(np.linspace(2, 60, 128), np.linspace(2, 60, 128))
@@ -56,15 +59,15 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     scan = np.where(rng(13).random(image.shape) < 0.1, np.nan, image)
     volume = np.stack([image[:16, :16]] * 8, axis=-1)
     scene |= {"image": image, "smooth": 100 + 2 * light, "scan": scan, "volume": volume, "truth": 100 + 2 * light}
-    exec(blocks[4], scene)
+    exec(blocks[5], scene)
     # measured over 40 seeds: 2.00, standard deviation 0.19; four of them
     assert abs(scene["camera"].gain - 2) < 0.8
     assert gr.plot.quality(scene["clean"], scene["truth"])[0] > gr.plot.quality(image, scene["truth"])[0] + 6
     scene["denoiser"] = lambda image, h: gr.denoise_nl_means(image, h=20 * h, sigma=8, radius=3)
-    exec(blocks[5], scene)
+    exec(blocks[6], scene)
     assert 0 < scene["found"].ratio < 1.02
     assert scene["best"].parameters["h"] >= 1
-    exec(blocks[6], scene)
+    exec(blocks[7], scene)
     assert {"result.png", "weights.png", "energy.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
