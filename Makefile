@@ -3,6 +3,7 @@
 #   make test    sets up .venv with everything the tests need, runs them
 PYTHON ?= python3
 VENV ?= .venv
+PYTEST_ARGS ?= -n 2 --dist loadfile
 BIN = $(VENV)/bin
 
 .PHONY: demo test lint bench clean

@@ -68,7 +68,7 @@ def total_variation(setup: Setup) -> Iterator[Case]:
             entries.append(Entry(device, solve, lambda: None, check, HOST))
         yield Case(
             "certified-tv",
-            f"p = 1, eps = 0 on G_0, {side}x{side}, lam = {lam:g}, to {share:g} of the energy",
+            f"p = 1, eps = 0 on G_0, {side}x{side}, lam = {lam:g}, to a share of the energy",
             entries,
             [
                 f"picture: {name}, noise of standard deviation 20 of 255, values of 0..1",
@@ -76,7 +76,7 @@ def total_variation(setup: Setup) -> Iterator[Case]:
                 f"{most} iterations, is as large; ours where the gap, which it knows, is",
             ],
             [Bar(CHAMBOLLE, 1.0, "opencl")],
-            f"{side}x{side}",
+            f"to {share:g}",
             grid.n_vertices,
         )
 
@@ -140,7 +140,7 @@ def _linear(setup: Setup, label: str, graph: Any, f0: Image, name: str) -> Case:
     entries += _peers(_System(_matrix(graph, lam), lam * f0.astype(np.float64), f0, exact.value, share * least))
     return Case(
         "certified-linear",
-        f"p = 2, lam = {lam:g}: {label}, to a gap of {share:g} of the energy",
+        f"p = 2, lam = {lam:g}, to a gap of {share:g} of the energy",
         entries,
         [
             f"{JACOBI}: the sweeps after which the energy is as near to its minimum",
@@ -241,7 +241,7 @@ def acceleration(setup: Setup) -> Iterator[Case]:
         ("4 neighbours", gr.GridGraph(f0.shape, 1, "cityblock"), 14.0, 5),
         ("24 neighbours", gr.GridGraph(f0.shape, 2), 60.0, 2),
     ):
-        yield _acceleration(setup, f"{label}, {side}x{side}", grid, f0, lam, expected, name)
+        yield _acceleration(setup, f"{label}, lam = {lam:g}, {side}x{side}", grid, f0, lam, expected, name)
 
 
 def _acceleration(
@@ -284,7 +284,7 @@ def _acceleration(
             entries.append(Entry(device, run, lambda: None, check, HOST))
     return Case(
         "accelerated-sweeps",
-        f"p = 1, eps = 1e-3, lam = {lam:g}: {label}, to {share:g} of the way from the data to the minimiser",
+        f"p = 1, eps = 1e-3, to {share:g} of the way from the data to the minimiser",
         entries,
         [
             f"picture: a part of {name}, noise of standard deviation 0.1 on values of 0..1",

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import cases
-import closed_forms
 import numpy as np
 import pytest
 from test_certified import ORACLE, fidelity, noisy, ring, solve
@@ -222,7 +221,7 @@ def test_integers(kind: type) -> None:
 
 
 @pytest.mark.one_driver
-@pytest.mark.parametrize("p", closed_forms.P)
+@pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 6.0])
 def test_precision_is_said(device: str, p: float) -> None:
     """1e-12 of the energy is beyond float32: a bounded number of iterations, and a gap that is true."""
     f0, lam = noisy().astype(np.float32), fidelity(p)
