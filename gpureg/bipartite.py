@@ -12,9 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, Graph, GridGraph, IntArray
+from .graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray
 
-AnyGraph = Graph | GridGraph
 Ends = tuple[IntArray, IntArray]
 
 

@@ -658,3 +658,6 @@ class GridGraph:
         if not np.array_equal(self.half_to_edges(half.reshape(H, *self.shape)), array):
             raise ValueError("weights must be the same in both directions of an edge; symmetrise them first")
         return half.reshape(H, *self.shape)
+
+
+AnyGraph = Graph | GridGraph

@@ -15,8 +15,11 @@ import numpy.typing as npt
 
 from . import backends
 from .assembly import undirected_edges
-from .graph import FloatArray
-from .problem import AnyGraph, DeviceProblem, Problem
+from .graph import AnyGraph, FloatArray
+from .problem import (
+    DeviceProblem,
+    Problem,
+)
 from .weights import Weights
 
 # Residual of conjugate gradients relative to the right-hand side. The error is larger by the condition number, about

@@ -7,9 +7,8 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, Graph, GridGraph, IntArray, unmasked
+from .graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray, unmasked
 from .harmonic import harmonic
-from .problem import AnyGraph
 from .regularization import regularize
 from .solvers import Solver
 from .weights import Weights

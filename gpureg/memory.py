@@ -13,10 +13,8 @@ import numpy.typing as npt
 
 from . import backends
 from .backends import Backend
-from .graph import Graph, GridGraph
+from .graph import AnyGraph, Graph, GridGraph
 from .weights import Constant, Weights, patch_weights
-
-AnyGraph = Graph | GridGraph
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import FloatArray, Graph, GridGraph
+from .graph import AnyGraph, FloatArray, Graph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
 from .spectral import markov_matrix
 from .weights import Weights
@@ -34,7 +34,6 @@ __all__ = [
     "p_laplacian",
 ]
 
-AnyGraph = Graph | GridGraph
 AnyWeights = Weights | npt.ArrayLike | None
 
 

@@ -14,10 +14,11 @@ from .graph import GridGraph, Metric
 from .nearest import nearest_patches
 from .pixels import filled, guided_by
 from .problem import as_function, default_eps
-from .regularization import one_sweep, regularize
+from .regularization import regularize
 from .result import Result
 from .solvers import Jacobi, Solver, resolve
 from .solvers.loop import Callback
+from .sweep import one_sweep
 from .tiles import OneStep
 from .tuning.explanation import table
 from .weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights, patch_weights

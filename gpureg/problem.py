@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from .backends import Array, Backend, Conductance, Weighted
 from .bipartite import has_swinging_part
-from .graph import FloatArray, Graph, GridGraph, all_finite, check_weights, opposite_edges, unmasked
+from .graph import AnyGraph, FloatArray, Graph, GridGraph, all_finite, check_weights, opposite_edges, unmasked
 from .weights import Weights
 
-AnyGraph = Graph | GridGraph
 Gamma = Literal["sqrt", "combinatorial", "normalized", "degree"]
 GAMMAS: tuple[Gamma, ...] = ("sqrt", "combinatorial", "normalized", "degree")
 Norm = Literal["vertex", "edge"]
@@ -314,11 +313,14 @@ class DeviceProblem:
             return None
         return self.backend.empty(self.weighted.graph, 1 if self.coupled else self.channels)
 
+    @property
+    def model(self) -> dict[str, Any]:
+        """What a primitive is told of the model: p, eps, coupled, edge_norm."""
+        return {"p": self.p, "eps": self.eps, "coupled": self.coupled, "edge_norm": self.edge_norm}
+
     def conductances(self, f: Array, g: Array | None = None) -> Conductance:
         """The conductances at a device function; `g` is scratch."""
-        return self.backend.conductances(
-            self.weighted, f, p=self.p, eps=self.eps, coupled=self.coupled, edge_norm=self.edge_norm, g=g
-        )
+        return self.backend.conductances(self.weighted, f, g=g, **self.model)
 
     def put_function(self, f: FloatArray) -> Array:
         """A host function (n, m) in the problem's variable, on the device."""
@@ -340,16 +342,11 @@ class DeviceProblem:
 
     def energy(self, f: Array) -> float:
         """The eps-smoothed energy of a device function."""
-        return self.backend.energy(
-            self.weighted,
-            f,
-            self.f0,
-            self.lam,
-            p=self.p,
-            eps=self.eps,
-            coupled=self.coupled,
-            edge_norm=self.edge_norm,
-        )
+        return self.backend.energy(self.weighted, f, self.f0, self.lam, **self.model)
+
+    def duality_gap(self, f: Array, y: Array) -> float:
+        """The energy of a device function minus the dual energy of one on the edges, as the device computes it."""
+        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, **self.model)
 
 
 def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import FloatArray, Graph, GridGraph
+from .graph import AnyGraph, FloatArray, Graph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
 from .weights import Bilateral, Patch, Weights
 
@@ -31,7 +31,6 @@ __all__ = [
     "spectral_filter",
 ]
 
-AnyGraph = Graph | GridGraph
 AnyWeights = Weights | npt.ArrayLike | None
 
 # Up to so many vertices a connected part goes through a dense eigensolver.

@@ -39,6 +39,7 @@ FLOORS: dict[str, float] = {
     "spectral": 4,
     "tiles": 4.2,
     "regularization": 4.5,
+    "sweep": 4.55,
     "rule": 4,
     "pixels": 4,
     "nearest": 4.6,

@@ -7,7 +7,7 @@ import pytest
 from cases import function, graph, irregular, rng
 
 import gpureg as gr
-from gpureg import backends, memory, regularization
+from gpureg import backends, memory, regularization, sweep
 from gpureg import tiles as cutting
 from gpureg.backends import PatchForm
 
@@ -30,7 +30,8 @@ def pieces(monkeypatch: pytest.MonkeyPatch) -> list:
     """The tilings that were chosen."""
     found: list = []
     tiling = cutting.tiling
-    monkeypatch.setattr(regularization, "tiling", lambda *a: found.append(tiling(*a)) or found[-1])
+    for room in (regularization, sweep):
+        monkeypatch.setattr(room, "tiling", lambda *a: found.append(tiling(*a)) or found[-1])
     return found
 
 
@@ -258,7 +259,7 @@ def test_a_window_as_wide_as_the_grid_takes_what_is_allowed(monkeypatch: pytest.
     image = picture(1, (7, 6, 5))[..., 0]
     call = {"sigma_value": 0.3, "radius": 6, "border": "nearest", "backend": "numpy"}
     whole = gr.denoise_bilateral(image, **call)
-    monkeypatch.setattr(regularization, "_STEP_BYTES", 1 << 20)
+    monkeypatch.setattr(sweep, "_STEP_BYTES", 1 << 20)
     assert np.array_equal(gr.denoise_bilateral(image, **call), whole)
     with pytest.raises(MemoryError, match="even a tile of one row"):
         gr.denoise_bilateral(image, memory=1 << 20, **call)

@@ -22,13 +22,17 @@ from .base import (
     Conductance,
     Device,
     EdgeNorm,
-    PatchForm,
     Storage,
     Weighted,
+)
+from .optimize import BALL_ROUNDINGS
+from .patches import (
+    PatchForm,
     over_patches,
 )
 
 __all__ = [
+    "BALL_ROUNDINGS",
     "Array",
     "Backend",
     "BackendUnavailable",

@@ -12,25 +12,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, GridGraph, opposite_edges
+from ..graph import AnyGraph, FloatArray, GridGraph, opposite_edges
 from .base import (
-    AnyGraph,
     Array,
     Backend,
     Conductance,
     Device,
     EdgeNorm,
-    PatchForm,
     Storage,
     Weighted,
     expect_storage,
     expect_stored,
+)
+from .numpy_graph import Edges, conductance_of, raised
+from .numpy_optimize import NumpyOptimization
+from .patches import (
+    PatchForm,
     over_patches,
     padded_for_patches,
     patch_jumps,
 )
-from .numpy_graph import Edges, conductance_of, raised
-from .numpy_optimize import NumpyOptimization
 
 TIER = 4
 

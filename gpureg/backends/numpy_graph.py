@@ -14,8 +14,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, GridGraph, IntArray, opposite_edges
-from .base import AnyGraph, Array, Backend, Conductance, EdgeNorm, Weighted, host_weights, padded_shape
+from ..graph import AnyGraph, FloatArray, GridGraph, IntArray, opposite_edges
+from .base import (
+    Array,
+    Backend,
+    Conductance,
+    EdgeNorm,
+    Weighted,
+    host_weights,
+)
+from .patches import (
+    padded_shape,
+)
 
 # Stored edges treated at a time.
 _BLOCK = 1 << 18

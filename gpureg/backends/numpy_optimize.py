@@ -6,9 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import FloatArray, GridGraph
-from .base import AnyGraph, Array, Conductance, Weighted
+from ..graph import AnyGraph, FloatArray, GridGraph
+from .base import (
+    Array,
+    Conductance,
+    Weighted,
+)
 from .numpy_graph import NumpyGraph, raised
+from .optimize import BALL_ROUNDINGS
 
 # Newton steps at most; they stop by themselves once nothing moves.
 _STEPS = 60
@@ -168,7 +173,7 @@ class NumpyOptimization(NumpyGraph):
         s = step_length(r, sigma, share, p, eps)
         if p == 1:
             # inside the unit ball in spite of the roundings of a norm: the certificate needs that
-            s = np.minimum(s, share * (1 - 32 * np.finfo(self.dtype).eps))
+            s = np.minimum(s, share * (1 - BALL_ROUNDINGS * np.finfo(self.dtype).eps))
         factor = np.where(r > 0, s / np.where(r > 0, r, 1), 0).astype(self.dtype)
         return self._into(previous, z * (factor if edge_norm else self._at_edges(graph, factor)))
 

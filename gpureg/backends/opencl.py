@@ -9,29 +9,30 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from ..graph import FloatArray, GridGraph
+from ..graph import AnyGraph, FloatArray, GridGraph
 from .base import (
-    AnyGraph,
     Array,
     Backend,
     BackendUnavailable,
     Conductance,
     Device,
-    PatchForm,
     Storage,
     Weighted,
     expect_storage,
     expect_stored,
-    padded_for_patches,
-    padded_shape,
-    patch_jumps,
-    patch_lines,
 )
 from .opencl_graph import Recomputed
 from .opencl_layout import GridLayout
 from .opencl_optimize import OpenCLOptimization
 from .opencl_queue import vector_width
 from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
+from .patches import (
+    PatchForm,
+    padded_for_patches,
+    padded_shape,
+    patch_jumps,
+    patch_lines,
+)
 
 GPU_TIER, CPU_TIER = 1, 2
 

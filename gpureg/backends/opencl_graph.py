@@ -19,22 +19,23 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from .. import kernels
-from ..graph import FloatArray, Graph, GridGraph
+from ..graph import AnyGraph, FloatArray, Graph, GridGraph
 from .base import (
-    AnyGraph,
     Array,
     Backend,
     BackendUnavailable,
     Conductance,
     Device,
     EdgeNorm,
-    PatchForm,
     Weighted,
     host_weights,
 )
 from .opencl_layout import CsrLayout, GridLayout, round_up
 from .opencl_queue import HostBuffer, queue
 from .opencl_strips import Strips
+from .patches import (
+    PatchForm,
+)
 
 GPU_TIER, CPU_TIER = 1, 2
 

@@ -8,21 +8,21 @@ import numpy as np
 
 from .base import Array, Conductance, Weighted
 from .opencl_graph import Function, OpenCLGraph
+from .optimize import ProxCase, prox_case
 
-
-def _prox(p: float, eps: float) -> int:
-    """The case of ``prox.cl``."""
-    if p == 1 and eps == 0:
-        return 1
-    if p == 2:
-        return 2
-    return 3 if eps == 0 else 0
+# PROX of ``prox.cl``
+_PROX: dict[ProxCase, int] = {"newton": 0, "ball": 1, "square": 2, "power": 3}
 
 
 def _norms(channels: int, p: float, eps: float, coupled: bool, edge_norm: bool) -> tuple[str, ...]:
     """Build options of a kernel that takes norms."""
     G = 1 if coupled else channels
-    return (f"-DM={channels}", f"-DG={G}", f"-DPROX={_prox(p, eps)}", *(("-DEDGE_NORM",) if edge_norm else ()))
+    return (
+        f"-DM={channels}",
+        f"-DG={G}",
+        f"-DPROX={_PROX[prox_case(p, eps)]}",
+        *(("-DEDGE_NORM",) if edge_norm else ()),
+    )
 
 
 class OpenCLOptimization(OpenCLGraph):

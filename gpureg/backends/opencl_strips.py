@@ -10,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import FloatArray, GridGraph
-from .base import PatchForm, reflected
 from .opencl_layout import Upload, round_up
+from .patches import (
+    PatchForm,
+    reflected,
+)
 
 # On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
 # work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.

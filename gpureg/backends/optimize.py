@@ -12,7 +12,22 @@ with d* the adjoint of the difference and phi* the conjugate of phi; with the ed
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+# An edge function of p = 1 stays inside the unit ball by so many roundings: what a norm may be off by on a device.
+BALL_ROUNDINGS = 32
+
+ProxCase = Literal["ball", "square", "power", "newton"]
+
+
+def prox_case(p: float, eps: float) -> ProxCase:
+    """Which form the proximal step has: p = 1 and p = 2 are closed, eps = 0 has a closed conjugate, else Newton's."""
+    if p == 1 and eps == 0:
+        return "ball"
+    if p == 2:
+        return "square"
+    return "power" if eps == 0 else "newton"
+
 
 if TYPE_CHECKING:
     from .base import Array, Conductance, Weighted
@@ -41,6 +56,10 @@ class Optimization(ABC):
         out: Array | None = None,
     ) -> Array:
         """A x + b y / over, without the second term where `over` is infinite; `out` may be x or y."""
+
+    def copy(self, weighted: Weighted, x: Array, *, out: Array) -> Array:
+        """X, written to `out`."""
+        return self.combine(weighted, 1.0, x, 0.0, x, out=out)
 
     @abstractmethod
     def gradient(

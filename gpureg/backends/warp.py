@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, GridGraph, IntArray
+from ..graph import AnyGraph, FloatArray, GridGraph, IntArray
 from ..kernels.warp import (
     adjoint,
     aggregate,
@@ -35,17 +35,18 @@ from ..kernels.warp import (
 from . import numpy as host
 from . import warp_graph
 from .base import (
-    AnyGraph,
     Array,
     Backend,
     BackendUnavailable,
     Conductance,
     Device,
     EdgeNorm,
-    PatchForm,
     Storage,
     Weighted,
     expect_stored,
+)
+from .patches import (
+    PatchForm,
     padded_for_patches,
     padded_shape,
     patch_lines,

@@ -26,9 +26,17 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, GridGraph
+from ..graph import AnyGraph, FloatArray, GridGraph
 from ..kernels.warp import pack, reals
-from .base import AnyGraph, Array, Backend, Conductance, Device, EdgeNorm, Weighted, host_weights
+from .base import (
+    Array,
+    Backend,
+    Conductance,
+    Device,
+    EdgeNorm,
+    Weighted,
+    host_weights,
+)
 from .warp_layout import Bound, Csr, Grid, channels_of, equal_cuts
 
 # Segments of a long sum: enough to fill a GPU, few enough for the host to add.

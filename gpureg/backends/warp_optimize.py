@@ -9,17 +9,9 @@ import warp as wp
 
 from ..kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
 from .base import Array, Conductance, Weighted
+from .optimize import prox_case
 from .warp_graph import WarpGraph
 from .warp_layout import channels_of
-
-
-def _case(p: float, eps: float) -> str:
-    """The case of ``prox.py``."""
-    if p == 1 and eps == 0:
-        return "ball"
-    if p == 2:
-        return "square"
-    return "power" if eps == 0 else "newton"
 
 
 def _of(over: float | Array) -> int:
@@ -85,7 +77,7 @@ class WarpOptimization(WarpGraph):
         edge_norm: bool = False,
     ) -> Array:
         M = channels_of(f)
-        options = (M, 1 if coupled else M, _case(p, eps), edge_norm)
+        options = (M, 1 if coupled else M, prox_case(p, eps), edge_norm)
         self._run(dual_step.make, weighted, options, [y, f, f_previous, beta, sigma, p, eps], previous)
         return previous
 
@@ -110,7 +102,7 @@ class WarpOptimization(WarpGraph):
         edge_norm: bool = False,
     ) -> float:
         bound, M = weighted.topology, channels_of(f)
-        options = (bound.access, M, 1 if coupled else M, _case(p, eps), edge_norm, isinstance(lam, wp.array))
+        options = (bound.access, M, 1 if coupled else M, prox_case(p, eps), edge_norm, isinstance(lam, wp.array))
         inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, p, eps]
         return float(
             self._partial(duality_gap.make, bound.layout.shape, options, inputs, wp.float64, bound.layout.work).sum()

@@ -55,7 +55,7 @@ class History:
             free, kept = self.columns[0], self.younger(1)
         residual, copy = (backend.empty(weighted.graph, m) if x is None else x for x in free)
         backend.combine(weighted, 1.0, image, -1.0, f, out=residual)
-        backend.combine(weighted, 1.0, image, 0.0, image, out=copy)
+        backend.copy(weighted, image, out=copy)
         if kept.last is None:
             return replace(kept, last=(residual, copy))
         for now, before in zip((residual, copy), kept.last, strict=True):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -50,7 +49,7 @@ class Dual(Method):
         backend.primal(weighted, y, problem.f0, problem.lam, out=f)
         if backend.max_change(weighted, initial, problem.f0) > 0:
             y, y_previous, f = _from_slopes(problem, initial, y, y_previous, f, sigma)
-        backend.combine(weighted, 1.0, f, 0.0, f, out=previous)
+        backend.copy(weighted, f, out=previous)
         return _State(f, previous, y, y_previous, problem.p, sigma)
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
@@ -59,7 +58,7 @@ class Dual(Method):
             return self.start(problem, state.f)
         backend, weighted = problem.backend, problem.weighted
         backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
-        backend.combine(weighted, 1.0, state.f, 0.0, state.f, out=state.previous)
+        backend.copy(weighted, state.f, out=state.previous)
         # with beta = 0 in the first step, y_previous does not count
         return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem))
 
@@ -75,10 +74,7 @@ class Dual(Method):
             state.previous,
             beta=(state.t - 1) / t,
             sigma=state.sigma,
-            p=problem.p,
-            eps=problem.eps,
-            coupled=problem.coupled,
-            edge_norm=problem.edge_norm,
+            **problem.model,
         )
         backend.primal(weighted, state.y_previous, problem.f0, problem.lam, out=state.previous)
         return replace(state, f=state.previous, previous=state.f, y=state.y_previous, y_previous=state.y, t=t)
@@ -117,17 +113,7 @@ def duality_gap(problem: DeviceProblem, f: Array, y: Array, energy: float) -> fl
     FloatingPointError
         A gap further below 0 than that: powers under- or overflow in the type.
     """
-    gap = problem.backend.duality_gap(
-        problem.weighted,
-        f,
-        y,
-        problem.f0,
-        problem.lam,
-        p=problem.p,
-        eps=problem.eps,
-        coupled=problem.coupled,
-        edge_norm=problem.edge_norm,
-    )
+    gap = problem.duality_gap(f, y)
     rounding = hidden(problem, energy)
     if gap < -16 * rounding:
         raise FloatingPointError(
@@ -154,22 +140,12 @@ def _from_slopes(
 ) -> tuple[Array, Array, Array]:
     """The dual variable that a function's own slopes give, or y = 0, whichever has the smaller gap; with its f."""
     backend, weighted = problem.backend, problem.weighted
-    settings: dict[str, Any] = {
-        "p": problem.p,
-        "eps": problem.eps,
-        "coupled": problem.coupled,
-        "edge_norm": problem.edge_norm,
-    }
-
-    def gap() -> float:
-        return backend.duality_gap(weighted, f, y, problem.f0, problem.lam, **settings)
-
-    without = gap()
+    without = problem.duality_gap(f, y)
     # Far out a proximal step lands on the slope itself; 100 steps are far, and leave digits.
-    backend.dual_step(weighted, y, other, initial, initial, beta=0.0, sigma=100 * sigma, **settings)
+    backend.dual_step(weighted, y, other, initial, initial, beta=0.0, sigma=100 * sigma, **problem.model)
     y, other = other, y
     backend.primal(weighted, y, problem.f0, problem.lam, out=f)
-    if gap() < without:
+    if problem.duality_gap(f, y) < without:
         return y, other, f
     backend.primal(weighted, other, problem.f0, problem.lam, out=f)
     return other, y, f

@@ -167,13 +167,10 @@ class Jacobi(Process):
             state.f,
             problem.f0,
             problem.lam,
-            p=problem.p,
-            eps=problem.eps,
-            coupled=problem.coupled,
             theta=theta,
-            edge_norm=problem.edge_norm,
             g=state.g,
             out=state.previous,
+            **problem.model,
         )
 
     def describe(self, state: _State) -> str:

@@ -117,7 +117,7 @@ class Linear(Method):
         """State before the first step."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
         f, previous, residual, direction, scratch = (backend.empty(graph, m) for _ in range(5))
-        backend.combine(problem.weighted, 1.0, initial, 0.0, initial, out=f)
+        backend.copy(problem.weighted, initial, out=f)
         return _begun(problem, _State(f, previous, _System.of(problem), residual, direction, scratch, 0.0))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:

@@ -44,6 +44,11 @@ class Course:
     changes: list[float] = field(default_factory=list)
     gaps: list[float | None] = field(default_factory=list)
 
+    def keep_whole(self) -> None:
+        """Drop a check that an interruption cut short, lest a gap stands beside another energy."""
+        for column in (self.checks, self.energies, self.changes):
+            del column[len(self.gaps) :]
+
 
 class Solver(ABC):
     """A solver: settings only; what changes lives in a state that has ``f`` and ``previous``, the last two iterates."""
@@ -252,6 +257,7 @@ def run(
         method = solver.describe(state)
         if update_weights is not None:
             method += f", weights computed anew every {update_weights} iteration(s)"
+        course.keep_whole()
         return Outcome(problem, state.f, done, stop, course, method + ".", state)
 
     def is_told_to_stop() -> bool:
@@ -265,7 +271,9 @@ def run(
             return of.get_function(now)
 
         check = Check(done, course.energies[-1], course.changes[-1], course.gaps[-1], value)
-        return callback(check) is True
+        answer = callback(check)
+        # True alone, numpy's too: a callback that returns something by the way does not stop the run
+        return isinstance(answer, bool | np.bool_) and bool(answer)
 
     try:
         stop = look()

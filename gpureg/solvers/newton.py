@@ -23,7 +23,7 @@ import numpy as np
 
 from .. import multigrid
 from ..assembly import Difference
-from ..backends import Array
+from ..backends import BALL_ROUNDINGS, Array
 from ..graph import FloatArray
 from ..problem import DeviceProblem
 from .dual import duality_gap
@@ -196,8 +196,7 @@ class Newton(Method):
         model, p = state.model, problem.p
         y = state.y
         if p == 1:
-            # a little inside, so that the roundings of the device's norms do not matter
-            inside = 1 - 32 * float(np.finfo(problem.backend.dtype).eps)
+            inside = 1 - BALL_ROUNDINGS * float(np.finfo(problem.backend.dtype).eps)
             length, most = np.sqrt(model.grouped(y**2)), model.share * inside
             y = y * np.where(length > most, most / np.where(length > 0, length, 1), 1)
         gap = duality_gap(problem, state.f, model.d.on_device(problem, y), energy)

@@ -76,7 +76,7 @@ class Travel:
 
 
 def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
-    return problem.backend.combine(problem.weighted, 1.0, f, 0.0, f, out=out)
+    return problem.backend.copy(problem.weighted, f, out=out)
 
 
 class Process(Solver):

@@ -94,7 +94,9 @@ def discrepancy(
     -----
     Solves ||f_lam - f0||^2 = n m sigma^2 (Morozov 1966; for total variation Rudin, Osher, Fatemi 1992), n the vertices
     inside a grid's mask and m the channels, by Brent's method on log lam. With `tol` (the certified solver has one of
-    its own) and p >= 1, where the end does not depend on the start, each run begins at the last one's outcome. The
+    its own) and p >= 1, where the end does not depend on the start, each run begins at the last one's outcome.
+    The certified solver's tol must be small beside rtol: a gap of tol times the energy leaves a distance of about 1.5
+    sqrt(tol) times that of the noise, and the ratio open to twice as much. tol = 1e-5 goes with rtol = 0.01. The
     principle smooths more than the least mean squared error asks for; :func:`sure` does better, at two runs for one.
 
     Examples

@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..backends import Backend, PatchForm, Storage, Weighted
-from ..graph import FloatArray, Graph, GridGraph, IntArray, check_weights
-
-AnyGraph = Graph | GridGraph
+from ..graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray, check_weights
 
 
 class Weights(ABC):

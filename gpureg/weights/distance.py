@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..backends import Backend, Weighted
-from ..graph import FloatArray, Graph, GridGraph, IntArray
-from .base import AnyGraph, EdgeWeights, Weights, positive, rows_of
+from ..graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray
+from .base import EdgeWeights, Weights, positive, rows_of
 
 
 def _squared_distances(points: FloatArray, u: IntArray, v: IntArray, unit: float = 1.0) -> FloatArray:

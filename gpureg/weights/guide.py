@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..backends import Backend, Weighted
-from ..graph import FloatArray, GridGraph
-from .base import AnyGraph, PatchWeights, Weights, positive, rows_of
+from ..graph import AnyGraph, FloatArray, GridGraph
+from .base import PatchWeights, Weights, positive, rows_of
 
 # Brightness and two opponent colours, orthonormal but for the share of the colours, which have less detail than noise.
 CHROMA = 0.45

@@ -9,8 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..backends import PatchForm, Storage
-from ..graph import FloatArray, GridGraph
-from .base import AnyGraph, Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter, positive, share
+from ..graph import AnyGraph, FloatArray, GridGraph
+from .base import (
+    Parameter,
+    PatchWeights,
+    PerVertex,
+    Weights,
+    parameter,
+    part_of_parameter,
+    positive,
+    share,
+)
 from .distance import nearness
 from .guide import Compared
 

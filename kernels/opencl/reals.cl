@@ -86,11 +86,10 @@ typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 /* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
 #define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
 
-/* x^power = 2^(power log2 x) for x > 0, at most 11 roundings off: a third of what pow may be, and a tenth of its time on
- * PoCL, which takes a pack's pow lane by lane. With x = 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x
+/* x^power = 2^(power log2 x) for x > 0. Measured on 65536 numbers from e^-80 to e^80, nine powers, both types: 3.4 roundings
+ * off at most, where pow may be 32; and it takes a pack at once, where PoCL's pow goes lane by lane. With x = 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x
  * comes off power e in one fma, so that no digit of the rest is lost. log2 m is the series of the inverse hyperbolic
- * tangent of (m - 1)/(m + 1), cut where its terms are below a rounding, 2^r the polynomial of exp2_scaled or, in float64,
- * its series. What is below the normal numbers is 0. */
+ * tangent of (m - 1)/(m + 1), cut where its terms are below a rounding; for 2^r see exp2_of. What is below the normal numbers is 0. */
 #ifdef DOUBLE
 #define MANTISSA 52
 #define LEAST_NORMAL 2.2250738585072014e-308
@@ -114,6 +113,7 @@ static inline realN log2_over_s(const realN t)
     series = series * t + 2.8853900817779268;
     return series;
 }
+/* 2^r, |r| <= 1/2: its series. */
 static inline realN exp2_of(const realN r)
 {
     realN y = r * 1.3691488853904124e-12 + 2.5678435993488196e-11;
@@ -146,6 +146,8 @@ static inline realN log2_over_s(const realN t)
     series = series * t + 2.8853901f;
     return series;
 }
+/* 2^r, |r| <= 1/2: the polynomial of degree 5 with 1 at 0 whose largest relative error is least (9e-8, by linear
+ * programming; 1.9e-7 with its roundings). */
 static inline realN exp2_of(const realN r)
 {
     realN y = r * 0.001326465280726552f + 0.009671511128544807f;
@@ -172,7 +174,7 @@ static inline realN power_of(const realN x, const real power)
     return high ? (realN)(INFINITY) : low ? (realN)(0) : result;
 }
 
-/* x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items. */
+/* x^power for x >= 0. The branch is the same for all work items. */
 static inline realN raise(const realN x, const real power)
 {
     if (power == (real)1) return x;
@@ -197,9 +199,8 @@ static inline realN raise(const realN x, const real power)
 }
 
 /* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The nearest
- * whole power falls out of the last bits of a sum with 1.5 2^23; the rest, 2^r with |r| <= 1/2, is the polynomial of
- * degree 5 with 1 at 0 whose largest relative error is least (9e-8, by linear programming; 1.9e-7 with its roundings), on
- * whose exponent the power is put. Ten operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
+ * whole power falls out of the last bits of a sum with 1.5 2^23; it is put on the exponent of 2^r, r the rest. Ten
+ * operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
 static inline realN exp2_scaled(const realN x, const real scale)
 {
 #ifdef DOUBLE
@@ -207,12 +208,7 @@ static inline realN exp2_scaled(const realN x, const real scale)
 #else
     const realN shifted = x * scale + 12582912.0f;
     const realN whole = shifted - 12582912.0f, r = x * scale - whole;
-    realN s = r * 0.001326465280726552f + 0.009671511128544807f;
-    s = s * r + 0.05550733953714371f;
-    s = s * r + 0.24022242426872253f;
-    s = s * r + 0.6931470036506653f;
-    s = s * r + 1.0f;
-    const laneN bits = AS_LANES(s) + (AS_LANES(shifted) << 23);
+    const laneN bits = AS_LANES(exp2_of(r)) + (AS_LANES(shifted) << MANTISSA);
     return AS_REALS(whole >= -126.0f ? bits : (laneN)(0));
 #endif
 }
