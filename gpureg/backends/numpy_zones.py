@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class NumpyZones(Zones):
         ends = np.searchsorted(edges[v], np.arange(1, int(edges[v].max(initial=0)) + 2))
         unset = np.iinfo(np.int32).max
         labels[labels < 0] = unset
-        for begin, end in zip(ends[:-1], ends[1:], strict=True):
+        for begin, end in itertools.pairwise(ends):
             np.minimum.at(labels, v[begin:end], labels[u[begin:end]])
         reached = np.isfinite(mu)
         return np.where(reached, mu, -1).astype(np.int64), np.where(reached, labels, -1).astype(np.int32)

@@ -10,10 +10,8 @@ import numpy.typing as npt
 from ..graph import AnyGraph, GridGraph
 from .opencl_graph import OpenCLGraph
 from .opencl_layout import CsrLayout, round_up
-from .zones import HOP, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
+from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
 
-# Rounds from one look at what has changed to the next: on a GPU a look costs as much as several rounds.
-_GPU_ROUNDS = 8
 _GPU_GROUP = 64
 
 
@@ -44,7 +42,7 @@ class OpenCLZones(OpenCLGraph, Zones):
         with self._shared.lock:
             moved = True
             while moved:
-                for _ in range(_GPU_ROUNDS if gpu else 1):
+                for _ in range(ROUNDS if gpu else 1):
                     numbers = [np.int64(number) for number in (block, line, reach, hop)]
                     args = [np.int64(n), *edges, *numbers, *here, place, heap, *there, changed]
                     kernel = self._kernel("influence_zones", options, args)

@@ -28,6 +28,9 @@ FAR = 1 << 62
 HOP = 1 << 32
 """What an edge adds to a tag, whose lower half is the label of a source."""
 
+# Rounds of a GPU from one look at what has changed to the next: a look costs as much as several rounds.
+ROUNDS = 8
+
 # Blocks per core of a CPU, and the least vertices of one.
 _BLOCKS, _LEAST_BLOCK = 4, 1 << 12
 
