@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import operators, plot, presets, spectral, tuning, weights
+from . import operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
@@ -13,6 +13,7 @@ from .labels import propagate_labels
 from .memory import memory_needed
 from .nearest import patch_graph
 from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
+from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
@@ -42,6 +43,7 @@ __all__ = [
     "denoise_image",
     "denoise_nl_means",
     "denoise_tv",
+    "energy_partition",
     "estimate_noise",
     "estimate_photon_noise",
     "from_networkx",
@@ -58,6 +60,7 @@ __all__ = [
     "regularize",
     "reordered",
     "run_plan",
+    "sources",
     "spectral",
     "to_networkx",
     "tuning",

@@ -138,10 +138,9 @@ def vertex_values(f: npt.ArrayLike, graph: AnyGraph, name: str = "f") -> FloatAr
         array = np.where(inside.reshape(n, 1), array, array.dtype.type(0))
     if not all_finite(array):
         raise ValueError(f"{name} must be finite, got NaN or infinity: leave those cells out by the grid's mask")
-    kind = array.dtype if array.dtype.kind == "f" and array.dtype.itemsize >= 4 else np.float64
-    if array.dtype.kind in "biu" and array.dtype.itemsize <= 2:
-        kind = np.float32  # which holds them exactly
-    values: FloatArray = array.astype(kind, copy=False)
+    # of the types the smallest that holds all its values exactly
+    narrow = array.dtype.itemsize <= 2 or array.dtype == np.float32
+    values: FloatArray = array.astype(np.float32 if narrow else np.float64, copy=False)
     return values
 
 
@@ -187,23 +186,23 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
 
 
 def along_edges(f: FloatArray, graph: AnyGraph, length: Callable[[FloatArray, FloatArray], Lengths]) -> Lengths:
-    """Lengths of all edges (u, v) from the values (., m) at their ends, -1 where a grid's edge leaves it or its mask."""
+    """Lengths of edges (u, v) from the values (., m) at their ends, -1 where one leaves a grid or its mask."""
     if isinstance(graph, Graph):
         return length(f[graph.edge_rows()], f[graph.indices])
     n, m = f.shape
     out = np.full((n, graph.half_window), -1, np.int32)
     cells, planes = f.reshape(*graph.shape, m), out.reshape(*graph.shape, -1)
     for h, step in enumerate(graph.forward_offsets):
-        for start, end in _bands(graph, step):
+        for start, end in step_bands(graph, step):
             u, v = cells[start], cells[end]
             along = length(u.reshape(-1, m), v.reshape(-1, m)).reshape(u.shape[:-1])
             if graph.mask is not None:
                 along = np.where(graph.mask[start] & graph.mask[end], along, np.int32(-1))
-            planes[(*start, h)] = along
+            planes[..., h][start] = along
     return out
 
 
-def _bands(graph: GridGraph, step: IntArray) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
+def step_bands(graph: GridGraph, step: IntArray) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
     """Slices for both ends of the edges along a step, a band of the first axis at a time."""
     start, end = graph.ends(step)
     rows = max(1, _BAND // max(1, math.prod(graph.shape[1:])))

@@ -10,6 +10,7 @@ import warp as wp
 from ..graph import AnyGraph, GridGraph
 from ..kernels.warp import influence_zones
 from .warp_graph import WarpGraph, cores
+from .warp_layout import Csr
 from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
 
 # Reads of a vertex in a round, about: what a launch is worth cutting up for.
@@ -61,11 +62,13 @@ class WarpZones(WarpGraph, Zones):
                     f"the grid has {padded.size} edges, a Warp array holds less than 2^31: use another backend"
                 )
             zones.H, zones.guard = graph.half_window, guard
-            zones.jumps, zones.lengths = self.upload(jumps.astype(np.int32), wp.int32), self.upload(
-                padded.reshape(-1), wp.int32
+            zones.jumps, zones.lengths = (
+                self.upload(jumps.astype(np.int32), wp.int32),
+                self.upload(padded.reshape(-1), wp.int32),
             )
             return zones, guard
         layout = self._layout(graph)
+        assert isinstance(layout, Csr)
         zones.indptr, zones.indices = layout.indptr, layout.indices
         zones.lengths = self.upload(lengths, wp.int32)
         return zones, graph.n_vertices
