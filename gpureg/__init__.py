@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from . import operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
+from .build import ring_graph
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -17,6 +18,8 @@ from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
+from .region_graph import RegionGraph, region_graph
+from .region_values import region_values
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
@@ -36,6 +39,7 @@ __all__ = [
     "Jacobi",
     "Path",
     "PhotonNoise",
+    "RegionGraph",
     "Result",
     "Stop",
     "__version__",
@@ -56,9 +60,12 @@ __all__ = [
     "presets",
     "propagate_labels",
     "read_graph",
+    "region_graph",
+    "region_values",
     "regularization_path",
     "regularize",
     "reordered",
+    "ring_graph",
     "run_plan",
     "sources",
     "spectral",

@@ -34,6 +34,8 @@ FLOORS: dict[str, float] = {
     "problem": 3.5,
     "assembly": 3.7,
     "multigrid": 3.5,
+    "region_values": 3,
+    "region_graph": 3.2,
     "partition": 3,
     "sources": 3.2,
     "harmonic": 4,
