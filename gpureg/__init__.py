@@ -20,6 +20,7 @@ from .plan import DenoisePlan
 from .planning import plan_denoising
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
+from .regions import Regions, simplify_image
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
@@ -40,6 +41,7 @@ __all__ = [
     "Path",
     "PhotonNoise",
     "RegionGraph",
+    "Regions",
     "Result",
     "Stop",
     "__version__",
@@ -67,6 +69,7 @@ __all__ = [
     "reordered",
     "ring_graph",
     "run_plan",
+    "simplify_image",
     "sources",
     "spectral",
     "to_networkx",

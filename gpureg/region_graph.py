@@ -148,10 +148,10 @@ def region_graph(
         keys.append(found)
         areas.append(count * area)
     edges = _runs(np.concatenate([np.empty(0, np.int64), *keys]))[0]
-    borders = np.zeros(len(edges))
+    shared = np.zeros(len(edges))
     for found, area_of in zip(keys, areas, strict=True):
-        borders[np.searchsorted(edges, found)] += area_of
-    indptr, indices, borders = _both_ways(edges, borders, k)
+        shared[np.searchsorted(edges, found)] += area_of
+    indptr, indices, borders = _both_ways(edges, shared, k)
     sizes, centroids = _measured(index, sides, k)
     plain = RegionGraph(indptr, indices, None, centroids, None, sizes, borders, numbers)
     if rings == 1:

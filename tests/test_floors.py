@@ -61,7 +61,7 @@ FLOORS: dict[str, float] = {
     "mesh": 5,
     "curve": 5,
     "points": 5,
-    "regions": 5,
+    "regions": 5.52,
     "plot": 5.5,
     "report": 5.5,
     "settings": 5.55,
