@@ -158,8 +158,9 @@ class Regions:
             As in :func:`gpureg.regularize`; lam may have one value per region.
         weights : {"similarity", "constant", "border"}, Weights or array, default "similarity"
             "similarity" is w2^0 of the paper, exp(-|f(u) - f(v)|^2 / h^2) of the models. "border" takes the lengths of
-            borders to the power of 2/p: with norm="edge" the smoothness is then that of the painted image. Or an object of :mod:`gpureg.weights`, for which regions lie at their centroids, or one value per stored
-            directed edge of `graph`.
+            borders to the power of 2/p: with norm="edge" the smoothness is then that of the painted image. Or an object
+            of :mod:`gpureg.weights`, for which regions lie at their centroids, or one value per stored directed edge of
+            `graph`.
         h : float, optional
             Of "similarity", in the image's units; None takes twice the median distance of neighbouring models.
         by_size : bool, default False
@@ -194,7 +195,7 @@ class Regions:
             raise Interrupted(replace(interruption.result, value=painted)) from None
         return replace(
             self,
-            values=result.value.astype(np.float64),
+            values=result.value.astype(np.float64) if result.iterations else self.models,
             result=result,
             seconds={**self.seconds, "regularization": time.perf_counter() - begin},
         )
@@ -538,9 +539,10 @@ def _weights(
     if weights == "constant" or not graph.n_edges:
         return None
     if weights == "similarity":
-        if h is None:
-            h = 2 * float(np.median(graph.distances(models)))
-        return patch(0, h) if h > 0 else None
+        if h is not None:
+            return patch(0, h)
+        typical = 2 * float(np.median(graph.distances(models)))
+        return patch(0, typical) if typical > 0 else None
     assert graph.borders is not None
     with np.errstate(over="ignore"):
         lengths = graph.borders ** (2 / p)

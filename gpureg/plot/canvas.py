@@ -161,9 +161,15 @@ def colours(plane: npt.NDArray[Any], black: float, white: float) -> FloatArray:
 
 
 def panels(
-    cuts: Sequence[Section], shape: Sequence[int], steps: Sequence[float], titles: Sequence[str], caption: Sequence[str]
-) -> tuple[Figure, Any, Axes]:
-    """A figure, its axes (sections, titles) with room for pictures at one scale, and the axes of a colour bar.
+    cuts: Sequence[Section],
+    shape: Sequence[int],
+    steps: Sequence[float],
+    titles: Sequence[str],
+    caption: Sequence[str],
+    *,
+    bar: bool = True,
+) -> tuple[Figure, Any, Axes | None]:
+    """A figure, its axes (sections, titles) with room for pictures at one scale, and the axes of a colour bar if any.
 
     Placed by hand: the layouts that Matplotlib finds shrink panels whose sections differ in shape, or overlap titles.
     """
@@ -173,7 +179,7 @@ def panels(
     # not so flat or so narrow that titles and ticks find no room
     heights = [max(unit * height, 0.8) for height, _ in sizes]
     width, gap = max(unit * widest, 2.6), 0.12
-    left, right = 0.12 if len(cuts) == 1 else 0.4, 1.1
+    left, right = 0.12 if len(cuts) == 1 else 0.4, 1.1 if bar else 0.0
     above = 0.15 + 0.2 * max(title.count("\n") + 1 for title in titles)
     across = left + len(titles) * (width + gap) + right
     lines = [part for line in caption for part in textwrap.wrap(line, int(across * _LETTERS))]
@@ -197,9 +203,10 @@ def panels(
         panel.set_title(title, fontsize=11)
     if lines:
         figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
+    if not bar:
+        return figure, axes, None
     long = min(total[1] - above - below, _PANEL)
-    bar = place(total[0] - right, total[1] - above - long, 0.18, long)
-    return figure, axes, bar
+    return figure, axes, place(total[0] - right, total[1] - above - long, 0.18, long)
 
 
 def show(axes: Axes, picture: FloatArray, cut: Section, steps: Sequence[float]) -> None:

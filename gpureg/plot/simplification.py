@@ -62,9 +62,8 @@ def simplification(
     painted = as_picture(partition, "partition", -1)
     for name, picture in zip(("fine", "value", "partition"), (*pictures[1:], painted), strict=True):
         if picture.shape[:-1] != pictures[0].shape[:-1]:
-            raise ValueError(
-                f"{name} must lie on the image's {pictures[0].shape[:-1]} pixels, got {picture.shape[:-1]}"
-            )
+            where = pictures[0].shape[:-1]
+            raise ValueError(f"{name} must lie on the image's {where} pixels, got {picture.shape[:-1]}")
     black, white = span(pictures[0])
     if pictures[0].dtype == np.uint8:
         black, white = 0.0, 255.0
@@ -75,8 +74,7 @@ def simplification(
     rows = [[colours(cut.of(x), *range_) for x, range_ in zip(drawn, ends, strict=True)] for cut in cuts]
     below = [*caption.splitlines(), *unknown_in([picture for row in rows for picture in row])]
     titles = ["image", "partition", "fine", "regularized"]
-    figure, axes, bar = panels(cuts, painted.shape, steps, titles, below)
-    figure.delaxes(bar)
+    figure, axes, _ = panels(cuts, painted.shape, steps, titles, below, bar=False)
     for row, cut, planes in zip(axes, cuts, rows, strict=True):
         for panel, plane in zip(row, planes, strict=True):
             show(panel, plane, cut, steps)
