@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +24,6 @@ from .result import Interrupted, Result
 from .solvers import Solver
 from .solvers.loop import Callback
 from .weights import Weights, patch
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Labels = npt.NDArray[np.int32]
 SourceKind = Literal["extrema", "gradient"]
@@ -274,7 +271,7 @@ class Regions:
             levels.append(current)
         return tuple(levels)
 
-    def plot(self, *, seed: int = 0, path: str | os.PathLike[str] | None = None) -> Figure:
+    def plot(self, *, seed: int = 0, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the image, the partition in random colours, and the image painted with models and with values.
 
         Parameters
