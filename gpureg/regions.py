@@ -299,7 +299,7 @@ class Regions:
             self.value,
             path=path,
             spacing=self._settings.get("spacing"),
-            caption=f"{self.n_regions} regions, {self.percent:.1f} percent of the pixels",
+            caption=f"{self.n_regions} regions, {self.percent:.2g} percent of the pixels",
             channel_axis=self.channel_axis,
         )
 

@@ -13,7 +13,7 @@ pytest.importorskip("skimage", reason="scikit-image, of the extra 'bench', is no
 from PIL import Image
 
 from bench.figures import __main__ as command
-from bench.figures import levelling, solvers
+from bench.figures import figure_4, levelling, solvers
 
 SIDE = 64
 
@@ -56,11 +56,14 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bench.figures.figure_1.runs", lambda side, backend: runs(side, backend, 20))
     monkeypatch.setattr("bench.figures.figure_2.runs", lambda side, backend: runs(side, backend, 20))
     monkeypatch.setattr("bench.figures.figure_1.MOST", 20)
+    monkeypatch.setitem(figure_4.SIDES, True, 32)
     for name, value in (("SIDES", 24), ("MOST", 40), ("LIMIT", 10)):
         monkeypatch.setitem(getattr(solvers, name), True, value)
     assert command.main([str(tmp_path / "new"), "--quick", "--backend", "numpy"]) == 0
     written = sorted(path.name for path in (tmp_path / "new").iterdir())
-    assert written == [f"{name}.{kind}" for name in ("figure_1", "figure_2", "solvers") for kind in ("json", "png")]
+    assert written == [
+        f"{name}.{kind}" for name in ("figure_1", "figure_2", "figure_4", "solvers") for kind in ("json", "png")
+    ]
     assert capsys.readouterr().out.split() == [str(tmp_path / "new" / name) for name in written[1::2]]
     for name, degrees in (("figure_1", 6), ("figure_2", 4)):
         with Image.open(tmp_path / "new" / f"{name}.png") as opened:
@@ -70,6 +73,9 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
         for run in numbers["runs"]:
             assert 1 <= run["main_levels"] <= run["levels"] <= run["flat_zones"] <= 32 * 32
             assert run["seconds"] > 0 and run["iterations"] == 20
+    chain = json.loads((tmp_path / "new" / "figure_4.json").read_text("utf-8"))
+    assert chain["iterations"] == 30 and 0 < chain["percent"] <= 10
+    assert chain["psnr of the fine partition"] > chain["psnr of the regularized one"] > 15
     courses = json.loads((tmp_path / "new" / "solvers.json").read_text("utf-8"))
     assert list(courses) == ["p = 1", "p = 1.5", "p = 2", "p = 3"]
     for panel in courses.values():

@@ -32,7 +32,7 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         "f0": rng(5).random(40),
     }
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.S)
-    assert len(blocks) == 8
+    assert len(blocks) == 9
     exec(blocks[0].replace("gr.denoise_image(image)  ", "gr.denoise_image(image[..., 0])  "), scene)
     assert scene["clean"].shape == (24, 25)
     assert scene["flat"].shape == (24, 25, 3)
@@ -63,11 +63,16 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     # measured over 40 seeds: 2.00, standard deviation 0.19; four of them
     assert abs(scene["camera"].gain - 2) < 0.8
     assert gr.plot.quality(scene["clean"], scene["truth"])[0] > gr.plot.quality(image, scene["truth"])[0] + 6
-    scene["denoiser"] = lambda image, h: gr.denoise_nl_means(image, h=20 * h, sigma=8, radius=3)
+    scene["superpixels"] = np.indices(image.shape).sum(axis=0) // 16
     exec(blocks[6], scene)
+    assert scene["found"].value.shape == image.shape
+    assert 1 <= scene["coarser"].n_regions <= scene["found"].n_regions
+    assert scene["rag"].n_vertices == 16
+    scene["denoiser"] = lambda image, h: gr.denoise_nl_means(image, h=20 * h, sigma=8, radius=3)
+    exec(blocks[7], scene)
     assert 0 < scene["found"].ratio < 1.02
     assert scene["best"].parameters["h"] >= 1
-    exec(blocks[7], scene)
+    exec(blocks[8], scene)
     assert {"result.png", "weights.png", "energy.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
