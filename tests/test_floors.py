@@ -22,6 +22,7 @@ FLOORS: dict[str, float] = {
     "picture": 0.5,
     "tiff": 0.7,
     "io": 1,
+    "layout": 1.2,
     "noise": 1.5,
     "graph_io": 1.5,
     "reorder": 1.5,
