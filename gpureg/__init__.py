@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from . import operators, plot, presets, spectral, tuning, weights
+from . import operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
+from .build import ring_graph
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -13,9 +14,13 @@ from .labels import propagate_labels
 from .memory import memory_needed
 from .nearest import patch_graph
 from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
+from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
+from .region_graph import RegionGraph, region_graph
+from .region_values import region_values
+from .regions import Regions, simplify_image
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
@@ -35,6 +40,8 @@ __all__ = [
     "Jacobi",
     "Path",
     "PhotonNoise",
+    "RegionGraph",
+    "Regions",
     "Result",
     "Stop",
     "__version__",
@@ -42,6 +49,7 @@ __all__ = [
     "denoise_image",
     "denoise_nl_means",
     "denoise_tv",
+    "energy_partition",
     "estimate_noise",
     "estimate_photon_noise",
     "from_networkx",
@@ -54,10 +62,15 @@ __all__ = [
     "presets",
     "propagate_labels",
     "read_graph",
+    "region_graph",
+    "region_values",
     "regularization_path",
     "regularize",
     "reordered",
+    "ring_graph",
     "run_plan",
+    "simplify_image",
+    "sources",
     "spectral",
     "to_networkx",
     "tuning",

@@ -80,6 +80,18 @@ def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> 
     return array
 
 
+def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...] | None:
+    """`spacing` as a tuple of so many finite numbers > 0, or None."""
+    if spacing is None:
+        return None
+    if np.ndim(spacing) != 1:
+        raise ValueError(f"spacing must hold {ndim} numbers, one per axis, got {spacing}")
+    steps = tuple(float(s) for s in spacing)
+    if len(steps) != ndim or not all(math.isfinite(s) and s > 0 for s in steps):
+        raise ValueError(f"spacing must hold {ndim} finite numbers > 0, got {spacing}")
+    return steps
+
+
 def check_symmetrize(symmetrize: str | None) -> None:
     """Refuse what is no value of `symmetrize`."""
     if symmetrize is not None and symmetrize not in SYMMETRIZE:
@@ -187,10 +199,11 @@ class Graph:
         if self.weights is not None:
             weights = check_weights(self.weights, (nnz,), "one per stored directed edge")
         rows = np.repeat(np.arange(n), np.diff(indptr))
-        order = np.lexsort((indices, rows))
-        indices = indices[order]
-        if weights is not None:
-            weights = weights[order]
+        if ((indices[1:] <= indices[:-1]) & (rows[1:] == rows[:-1])).any():
+            order = np.lexsort((indices, rows))
+            indices = indices[order]
+            if weights is not None:
+                weights = weights[order]
         _refuse_loops(rows, indices)
         repeated = (rows[1:] == rows[:-1]) & (indices[1:] == indices[:-1])
         if repeated.any():
@@ -445,13 +458,7 @@ class GridGraph:
             raise ValueError(f"shape must hold one or more integers >= 1, got {shape}")
         if metric not in METRICS:
             raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
-        steps: tuple[float, ...] | None = None
-        if spacing is not None:
-            if np.ndim(spacing) != 1:
-                raise ValueError(f"spacing must hold {len(sizes)} numbers, one per axis, got {spacing}")
-            steps = tuple(float(s) for s in spacing)
-            if len(steps) != len(sizes) or not all(math.isfinite(s) and s > 0 for s in steps):
-                raise ValueError(f"spacing must hold {len(sizes)} finite numbers > 0, got {spacing}")
+        steps = checked_spacing(spacing, len(sizes))
         if isinstance(radius, bool) or not isinstance(radius, int | float | np.integer | np.floating):
             raise TypeError(f"radius must be a number, got {radius!r}")
         if not radius >= min(steps or (1.0,)):

@@ -61,7 +61,7 @@ def as_image(
 ) -> npt.NDArray[Any]:
     """A regularized function as an image like `array`: its axes, its dtype, and its own pixels outside the mask."""
     image = value[..., 0] if channel_axis is None else np.moveaxis(value, -1, channel_axis)
-    if array.dtype.kind in "iu":
+    if array.dtype.kind in "iu" and image.dtype.kind == "f":
         limits = np.iinfo(array.dtype)
         np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
     image = np.ascontiguousarray(image).astype(array.dtype, copy=False)

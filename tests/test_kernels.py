@@ -21,6 +21,7 @@ INCLUDES = {
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
     "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
+    "influence_zones": (),
     "gradient": ("conductance.cl", "grid.cl", "csr.cl", "reals.cl"),
 }
 # A kernel whose primitive's name is a built-in function of the language.
@@ -42,6 +43,7 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "euler_step",
         "gradient",
         "gradient_norm",
+        "influence_zones",
         "jacobi_step",
         "max_change",
         "p_laplacian",

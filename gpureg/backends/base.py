@@ -21,6 +21,7 @@ from .optimize import Optimization
 from .patches import (
     PatchForm,
 )
+from .zones import Zones
 
 Array = Any
 """A function on the vertices, on a device: opaque to all but the backend that made it."""
@@ -148,7 +149,7 @@ class Kept:
         return made
 
 
-class Backend(Optimization):
+class Backend(Optimization, Zones):
     """One device computing in one floating-point type.
 
     Parameters

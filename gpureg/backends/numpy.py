@@ -26,6 +26,7 @@ from .base import (
 )
 from .numpy_graph import Edges, conductance_of, raised
 from .numpy_optimize import NumpyOptimization
+from .numpy_zones import NumpyZones
 from .patches import (
     PatchForm,
     over_patches,
@@ -46,7 +47,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpyOptimization):
+class NumpyBackend(NumpyOptimization, NumpyZones):
     """The primitives in numpy."""
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:

@@ -26,6 +26,7 @@ from .opencl_layout import GridLayout
 from .opencl_optimize import OpenCLOptimization
 from .opencl_queue import vector_width
 from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
+from .opencl_zones import OpenCLZones
 from .patches import (
     PatchForm,
     padded_for_patches,
@@ -74,7 +75,7 @@ def devices() -> list[Device]:
     return described
 
 
-class OpenCLBackend(OpenCLOptimization):
+class OpenCLBackend(OpenCLOptimization, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

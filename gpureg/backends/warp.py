@@ -55,6 +55,7 @@ from .patches import (
 from .warp_graph import PACK_SPEED, launch_all, quiet
 from .warp_layout import channels_of
 from .warp_optimize import WarpOptimization
+from .warp_zones import WarpZones
 
 CUDA_TIER, CPU_TIER = 0, 3
 
@@ -116,7 +117,7 @@ def devices() -> list[Device]:
     return sorted(described, key=lambda device: device.rank)
 
 
-class WarpBackend(WarpOptimization):
+class WarpBackend(WarpOptimization, WarpZones):
     """The primitives as Warp kernels."""
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:

@@ -3,5 +3,6 @@
 from .comparison import compare, quality
 from .energies import energy
 from .neighbourhood import neighbours
+from .simplification import simplification
 
-__all__ = ["compare", "energy", "neighbours", "quality"]
+__all__ = ["compare", "energy", "neighbours", "quality", "simplification"]

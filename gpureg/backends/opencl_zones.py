@@ -1,0 +1,63 @@
+"""Partitions in OpenCL."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graph import AnyGraph, GridGraph
+from .opencl_graph import OpenCLGraph
+from .opencl_layout import CsrLayout, round_up
+from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
+
+_GPU_GROUP = 64
+
+
+class OpenCLZones(OpenCLGraph, Zones):
+    """Zones by rounds of ``influence_zones.cl``, until one changes nothing."""
+
+    def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
+        return found(*self._settled(graph, lengths, *start(sources), HOP))
+
+    def flat_zones(self, graph: AnyGraph, lengths: Lengths) -> Labels:
+        n = graph.n_vertices
+        flat: Lengths = np.where(lengths == 0, lengths, np.int32(-1))
+        return found(*self._settled(graph, flat, np.zeros(n, np.int64), np.arange(n), 0))[1]
+
+    def _settled(
+        self, graph: AnyGraph, lengths: Lengths, mu: npt.NDArray[Any], tag: npt.NDArray[Any], hop: int
+    ) -> tuple[Distances, Distances]:
+        """Distances and tags that no round changes any more."""
+        gpu, n = self.device.kind == "gpu", graph.n_vertices
+        edges, options, far = self._edges(graph, lengths)
+        block, line = blocks(graph, None if gpu else int(self.device.handle.max_compute_units))
+        items = -(-n // block)
+        local = min(_GPU_GROUP, int(self.device.handle.max_work_group_size)) if gpu else 1
+        here, there = ([self.upload(mu.astype(np.int64)), self.upload(tag.astype(np.int64))] for _ in range(2))
+        changed, heap = self._allocate(4 * items), self._allocate(4 * (1 if gpu else n))
+        place = self.upload(np.zeros(1 if gpu else n, np.int32))
+        reach = n  # in the first round; then as far as edges reach
+        with self._shared.lock:
+            moved = True
+            while moved:
+                for _ in range(ROUNDS if gpu else 1):
+                    numbers = [np.int64(number) for number in (block, line, reach, hop)]
+                    args = [np.int64(n), *edges, *numbers, *here, place, heap, *there, changed]
+                    kernel = self._kernel("influence_zones", options, args)
+                    kernel(self._shared.queue, (round_up(items, local),), (local,), *args)
+                    here, there = there, here
+                    reach = far
+                moved = bool(self._download(changed, items, np.int32).any())
+        return self._download(here[0], n, np.int64), self._download(here[1], n, np.int64)
+
+    def _edges(self, graph: AnyGraph, lengths: Lengths) -> tuple[list[Any], tuple[str, ...], int]:
+        """The arguments EDGES_ARGS, the build options that they ask for, and how far an edge reaches in vertices."""
+        if isinstance(graph, GridGraph):
+            guard, jumps, padded = guarded(graph, lengths)
+            options = ("-DGRID", f"-DH={lengths.shape[1]}")
+            return [np.int64(guard), self.upload(jumps), self.upload(padded)], options, guard
+        layout = self._topology(graph)
+        assert isinstance(layout, CsrLayout)
+        return [layout.indptr, layout.indices, self.upload(lengths)], layout.options, graph.n_vertices

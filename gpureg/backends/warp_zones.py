@@ -1,0 +1,74 @@
+"""Partitions in Warp."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..graph import AnyGraph, GridGraph
+from ..kernels.warp import influence_zones
+from .warp_graph import WarpGraph, cores
+from .warp_layout import Csr
+from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
+
+# Reads of a vertex in a round, about: what a launch is worth cutting up for.
+_READS = 32
+
+
+class WarpZones(WarpGraph, Zones):
+    """Zones by rounds of ``influence_zones.py``, until one changes nothing."""
+
+    def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
+        return found(*self._settled(graph, lengths, *start(sources), HOP))
+
+    def flat_zones(self, graph: AnyGraph, lengths: Lengths) -> Labels:
+        n = graph.n_vertices
+        flat: Lengths = np.where(lengths == 0, lengths, np.int32(-1))
+        return found(*self._settled(graph, flat, np.zeros(n, np.int64), np.arange(n), 0))[1]
+
+    def _settled(
+        self, graph: AnyGraph, lengths: Lengths, mu: Distances, tag: Distances, hop: int
+    ) -> tuple[Distances, Distances]:
+        """Distances and tags that no round changes any more."""
+        cpu, n = self._on.is_cpu, graph.n_vertices
+        zones, far = self._zones(graph, lengths)
+        zones.block, zones.line = blocks(graph, cores() if cpu else None)
+        zones.reach, zones.hop = n, hop  # in the first round all; then as far as edges reach
+        items = -(-n // zones.block)
+        here, there = ([self.upload(x, wp.int64) for x in (mu, tag)] for _ in range(2))
+        changed = wp.zeros(items, dtype=wp.int32, device=self._on)
+        zones.place, zones.heap = (wp.zeros(n if cpu else 1, dtype=wp.int32, device=self._on) for _ in range(2))
+        options = (isinstance(graph, GridGraph),)
+        moved = True
+        while moved:
+            for _ in range(1 if cpu else ROUNDS):
+                (zones.mu, zones.tag), (zones.mu_out, zones.tag_out) = here, there
+                self._launch((items,), influence_zones.make, options, [zones], changed, work=_READS * n)
+                here, there = there, here
+                zones.reach = far
+            moved = bool(changed.numpy().any())
+        return np.array(here[0].numpy()), np.array(here[1].numpy())
+
+    def _zones(self, graph: AnyGraph, lengths: Lengths) -> tuple[Any, int]:
+        """The graph with its lengths, and how far an edge reaches in vertices."""
+        zones = influence_zones.struct()()
+        zones.n = graph.n_vertices
+        if isinstance(graph, GridGraph):
+            guard, jumps, padded = guarded(graph, lengths)
+            if padded.size >= 2**31:
+                raise MemoryError(
+                    f"the grid has {padded.size} edges, a Warp array holds less than 2^31: use another backend"
+                )
+            zones.H, zones.guard = graph.half_window, guard
+            zones.jumps, zones.lengths = (
+                self.upload(jumps.astype(np.int32), wp.int32),
+                self.upload(padded.reshape(-1), wp.int32),
+            )
+            return zones, guard
+        layout = self._layout(graph)
+        assert isinstance(layout, Csr)
+        zones.indptr, zones.indices = layout.indptr, layout.indices
+        zones.lengths = self.upload(lengths, wp.int32)
+        return zones, graph.n_vertices

@@ -1,0 +1,83 @@
+"""An image, its partition, and the image painted by regions, side by side (Fig. 4 of the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from .canvas import Path_, as_picture, as_spacing, check_path, colours, finish, panels, sections, show, span, unknown_in
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def simplification(
+    image: npt.ArrayLike,
+    partition: npt.ArrayLike,
+    fine: npt.ArrayLike,
+    value: npt.ArrayLike,
+    *,
+    path: Path_ | None = None,
+    spacing: Sequence[float] | None = None,
+    caption: str = "",
+    channel_axis: int | None = None,
+) -> Figure:
+    """Draw an image | its partition | the fine partition painted | the regularized one painted.
+
+    Parameters
+    ----------
+    image, fine, value : array
+        Of one shape: two axes or three, and one of channels if any. Of a volume the three planes through its middle
+        are drawn.
+    partition : uint8 array
+        Colours of the regions, (..., 3), as :meth:`gpureg.Regions.random_colours` gives them.
+    path : path, optional
+        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+    spacing : sequence of float, optional
+        Distance between pixels along each axis; None means 1.
+    caption : str, optional
+        A line below.
+    channel_axis : int, optional
+        The axis of the channels; None for grey.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written; nothing is left behind then.
+    TypeError, ValueError
+        Shapes that differ, values that are not real, an extension that is no picture's.
+    """
+    check_path(path)
+    given = {"image": image, "fine": fine, "value": value}
+    pictures = [as_picture(array, name, channel_axis) for name, array in given.items()]
+    painted = as_picture(partition, "partition", -1)
+    for name, picture in zip(("fine", "value", "partition"), (*pictures[1:], painted), strict=True):
+        if picture.shape[:-1] != pictures[0].shape[:-1]:
+            raise ValueError(
+                f"{name} must lie on the image's {pictures[0].shape[:-1]} pixels, got {picture.shape[:-1]}"
+            )
+    black, white = span(pictures[0])
+    if pictures[0].dtype == np.uint8:
+        black, white = 0.0, 255.0
+    ends = [(black, white), (0.0, 255.0), (black, white), (black, white)]
+    drawn = [pictures[0], painted, *pictures[1:]]
+    steps = as_spacing(spacing, painted.ndim - 1)
+    cuts = sections([size // 2 for size in painted.shape[:-1]])
+    rows = [[colours(cut.of(x), *range_) for x, range_ in zip(drawn, ends, strict=True)] for cut in cuts]
+    below = [*caption.splitlines(), *unknown_in([picture for row in rows for picture in row])]
+    titles = ["image", "partition", "fine", "regularized"]
+    figure, axes, bar = panels(cuts, painted.shape, steps, titles, below)
+    figure.delaxes(bar)
+    for row, cut, planes in zip(axes, cuts, rows, strict=True):
+        for panel, plane in zip(row, planes, strict=True):
+            show(panel, plane, cut, steps)
+    return finish(figure, path)

@@ -1,0 +1,216 @@
+"""Sources of an energy partition: regional extrema, valleys of the gradient, a grid of seeds (section 5.2)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import backends
+from .backends.zones import Labels
+from .graph import AnyGraph, FloatArray, Graph, GridGraph
+from .partition import flat_zones, step_bands, vertex_values
+
+Kind = Literal["both", "minima", "maxima"]
+KINDS: tuple[Kind, ...] = ("both", "minima", "maxima")
+
+Flags = npt.NDArray[np.bool_]
+
+
+def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: str = "auto") -> Labels:
+    """Label the regional extrema of a function: the flat zones that have no neighbour below, or none above.
+
+    Parameters
+    ----------
+    f : array
+        As in :func:`gpureg.energy_partition`. Of several channels their mean is looked at, the intensity.
+    graph : Graph or GridGraph
+        Its weights play no part.
+    kind : {"both", "minima", "maxima"}, default "both"
+    backend : str, default "auto"
+        As in :func:`gpureg.regularize`; all give the same labels.
+
+    Returns
+    -------
+    int32 array
+        0..k-1 on the k extrema, in the order of their first vertices, -1 elsewhere; the grid's shape, or (n,). A
+        function that is constant on a connected part has one extremum there, which is all of it: every part has one.
+
+    Raises
+    ------
+    ValueError, TypeError, BackendUnavailable
+        As :func:`gpureg.energy_partition`.
+
+    Notes
+    -----
+    A single vertex that none of its neighbours exceeds is no extremum if it lies on a plateau with a way up: extrema
+    are whole plateaus, as in mathematical morphology.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.sources.extrema([3, 3, 1, 2, 2, 5], gr.GridGraph(6), backend="numpy")
+    array([ 0,  0,  1, -1, -1,  2], dtype=int32)
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    values = vertex_values(f, graph)
+    if values.shape[1] > 1:
+        values = values.mean(axis=1, dtype=np.float64, keepdims=True)
+    return _shaped(_regional(values, graph, kind, backends.get(backend, np.float32)), graph)
+
+
+def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto") -> Labels:
+    """Label the regional minima of the gradient norm of a function: where it is flattest.
+
+    Parameters
+    ----------
+    f : array
+        As in :func:`gpureg.energy_partition`; the gradient is that of all channels.
+    graph : Graph or GridGraph
+        Its weights play no part.
+    backend : str, default "auto"
+        As in :func:`gpureg.regularize`; all give the same labels.
+
+    Returns
+    -------
+    int32 array
+        As :func:`extrema`.
+
+    Raises
+    ------
+    ValueError, TypeError, BackendUnavailable
+        As :func:`gpureg.energy_partition`.
+
+    Notes
+    -----
+    The norm is the root of the sum of (f(v) - f(u))^2 over the neighbours v of u, eq. 9 with w = 1.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.sources.gradient_minima([0, 0, 0, 4, 9, 9], gr.GridGraph(6), backend="numpy")
+    array([ 0,  0, -1, -1, -1,  1], dtype=int32)
+    """
+    values = vertex_values(f, graph)
+    return _shaped(
+        _regional(_squared_gradient(values, graph), graph, "minima", backends.get(backend, np.float32)), graph
+    )
+
+
+def seeds(graph: GridGraph, step: int) -> Labels:
+    """A grid of seeds: single cells, `step` cells apart along every axis, in the middle of their blocks.
+
+    Parameters
+    ----------
+    graph : GridGraph
+        Seeds outside its mask are left out.
+    step : int
+        At least 1.
+
+    Returns
+    -------
+    int32 array
+        0..k-1 on the seeds, in row-major order, -1 elsewhere; the grid's shape.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A stored graph, a step that is no integer or below 1, a mask without a seed.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.sources.seeds(gr.GridGraph((2, 6)), 3)
+    array([[-1, -1, -1, -1, -1, -1],
+           [-1,  0, -1, -1,  1, -1]], dtype=int32)
+    """
+    if not isinstance(graph, GridGraph):
+        raise TypeError(f"seeds need a GridGraph, got {type(graph).__name__}")
+    if isinstance(step, bool) or not isinstance(step, int | np.integer):
+        raise TypeError(f"step must be an integer, got {step!r}")
+    if step < 1:
+        raise ValueError(f"step must be at least 1, got {step}")
+    seeded: Flags = np.zeros(graph.shape, bool)
+    # the middle of each block, or of what the border leaves of the first one
+    seeded[tuple(slice(min(step, size) // 2, None, step) for size in graph.shape)] = True
+    if graph.mask is not None:
+        seeded &= graph.mask
+    count = int(seeded.sum())
+    if not count:
+        raise ValueError(f"no seed lies inside the mask: take a step smaller than {step}")
+    labels: Labels = np.full(graph.shape, -1, np.int32)
+    labels[seeded] = np.arange(count)
+    return labels
+
+
+def _shaped(labels: Labels, graph: AnyGraph) -> Labels:
+    return labels.reshape(graph.shape) if isinstance(graph, GridGraph) else labels
+
+
+def _inside(graph: AnyGraph) -> Flags:
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        return graph.mask.reshape(-1)
+    return np.ones(graph.n_vertices, bool)
+
+
+def _regional(g: FloatArray, graph: AnyGraph, kind: Kind, device: backends.Backend) -> Labels:
+    """Numbers of the flat zones of g, (n, 1), that are extrema; -1 elsewhere."""
+    zone = flat_zones(g, graph, device)
+    below, above = _neighbours(g.reshape(-1), graph)
+    extremal: Flags = np.zeros(len(zone), bool)
+    for has, wanted in ((below, "minima"), (above, "maxima")):
+        if kind in ("both", wanted):
+            free = np.ones(len(zone), bool)
+            free[zone[has]] = False
+            extremal |= free
+    # a zone is known by its first vertex, and those are counted in order
+    extremal &= _inside(graph)
+    first = extremal & (zone == np.arange(len(zone)))
+    number = np.cumsum(first, dtype=np.int32) - np.int32(1)
+    labels: Labels = np.where(extremal[zone] & _inside(graph), number[zone], np.int32(-1))
+    return labels
+
+
+def _neighbours(g: FloatArray, graph: AnyGraph) -> tuple[Flags, Flags]:
+    """Whether each vertex has a neighbour below it, and whether it has one above."""
+    n = graph.n_vertices
+    below, above = np.zeros(n, bool), np.zeros(n, bool)
+    if isinstance(graph, Graph):
+        u, v = graph.edge_rows(), graph.indices
+        below[u[g[v] < g[u]]] = True
+        above[u[g[v] > g[u]]] = True
+        return below, above
+    cells, low, high = g.reshape(graph.shape), below.reshape(graph.shape), above.reshape(graph.shape)
+    for step in graph.forward_offsets:
+        for start, end in step_bands(graph, step):
+            rising, falling = cells[start] < cells[end], cells[start] > cells[end]
+            if graph.mask is not None:
+                both = graph.mask[start] & graph.mask[end]
+                rising, falling = rising & both, falling & both
+            high[start] |= rising
+            low[end] |= rising
+            low[start] |= falling
+            high[end] |= falling
+    return below, above
+
+
+def _squared_gradient(f: FloatArray, graph: AnyGraph) -> FloatArray:
+    """The sum of |f(v) - f(u)|^2 over the neighbours v of each vertex u, (n, 1) in float64."""
+    n, m = f.shape
+    if isinstance(graph, Graph):
+        u = graph.edge_rows()
+        d = f[graph.indices].astype(np.float64) - f[u]
+        summed: FloatArray = np.bincount(u, (d**2).sum(axis=1), n)[:, None].astype(np.float64)
+        return summed
+    total = np.zeros(graph.shape)
+    cells = f.reshape(*graph.shape, m)
+    for step in graph.forward_offsets:
+        for start, end in step_bands(graph, step):
+            square = ((cells[end].astype(np.float64) - cells[start]) ** 2).sum(axis=-1)
+            if graph.mask is not None:
+                square *= graph.mask[start] & graph.mask[end]
+            total[start] += square
+            total[end] += square
+    return total.reshape(n, 1)

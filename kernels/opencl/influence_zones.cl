@@ -1,0 +1,242 @@
+/* mu(u) = min over v of mu(v) + length(u, v) (section 5.2): one round towards the energy partition.
+ *
+ * Every vertex has its distance mu from the sources and a tag, the edges of the path that gave mu times 2^32, plus the
+ * label of its source. A vertex takes the least (mu(v) + length, tag(v) + hop) of its neighbours, compared in this
+ * order, if that is less than what it has: the least energy, then with hop = 2^32 the fewest edges, then the smallest
+ * label. All are integers, so that nothing is rounded, and what no round changes any more does not depend on the order
+ * in which vertices were treated.
+ *
+ * One work item: a block of neighbouring vertices, until nothing in it can move. It reads its own vertices as they are
+ * by then, those of other blocks as they were before the round: a path crosses a block in one round, and no work item
+ * reads what another one writes. In the first round it goes down the lines and up again, each there and back, which
+ * brings most vertices to rest where sources are many; in later ones it looks at those that have neighbours in other
+ * blocks. Then it goes on from the vertices that moved last as Dijkstra does, the least first, by a heap. On a GPU a
+ * block is one vertex, on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round reads
+ * 4 K lengths and 4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex that
+ * passes the heap.
+ *
+ * On a grid an edge has its length at the end that comes first, (guard + n, H) with guard vertices of -1 before; a
+ * length below 0 is no edge, as where it would leave the grid or the mask. A stored graph has one per directed edge.
+ */
+#ifndef INDEX
+#define INDEX int
+#endif
+#ifndef H
+#define H 2
+#endif
+
+#ifdef GRID
+#define EDGES_ARGS                                                                                                   \
+    const long guard,                  /* vertices of -1 before the first: the largest jump */                       \
+    __global const long *jumps,        /* (H,): from a vertex to its forward neighbours */                           \
+    __global const int *lengths        /* (guard + n, H) */
+#define EDGES guard, jumps, lengths
+/* A loop over the neighbours v of u, with the length of the edge. */
+#define NEIGHBOURS                                                                                                   \
+    for (int k = 0; k < 2 * H; ++k) {                                                                                \
+        const int h = k < H ? k : k - H;                                                                             \
+        const long v = k < H ? u - jumps[h] : u + jumps[h];                                                          \
+        const int length = lengths[(guard + (k < H ? v : u)) * H + h];                                               \
+        if (length < 0) continue;
+#else
+#define EDGES_ARGS                                                                                                   \
+    __global const long *indptr,       /* (n + 1,) */                                                                \
+    __global const INDEX *indices,     /* (n_edges,) */                                                              \
+    __global const int *lengths        /* (n_edges,) */
+#define EDGES indptr, indices, lengths
+#define NEIGHBOURS                                                                                                   \
+    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                               \
+        const long v = indices[e];                                                                                   \
+        const int length = lengths[e];                                                                               \
+        if (length < 0) continue;
+#endif
+#define END }
+
+#define WITHIN(v) ((v) >= begin && (v) < end)
+
+/* Give vertex u the best that its neighbours offer; whether that is less than what it had. */
+static int relax(
+    const long u,
+    const long begin,
+    const long end,
+    EDGES_ARGS,
+    const long hop,
+    __global const long *mu,
+    __global const long *tag,
+    __global long *mu_out,
+    __global long *tag_out)
+{
+    long best = mu_out[u], best_tag = tag_out[u];
+    int moved = 0;
+    NEIGHBOURS
+        const long d = (WITHIN(v) ? mu_out[v] : mu[v]) + length;
+        const long t = (WITHIN(v) ? tag_out[v] : tag[v]) + hop;
+        if (d < best || (d == best && t < best_tag)) {
+            best = d;
+            best_tag = t;
+            moved = 1;
+        }
+    END
+    if (moved) {
+        mu_out[u] = best;
+        tag_out[u] = best_tag;
+    }
+    return moved;
+}
+
+#define RELAX(u) relax(u, begin, end, EDGES, hop, mu, tag, mu_out, tag_out)
+
+/* Vertex u in a pass over the block; if it moves, its neighbours have to be looked at again. */
+static int pass(
+    const long u,
+    const long begin,
+    const long end,
+    EDGES_ARGS,
+    const long hop,
+    __global const long *mu,
+    __global const long *tag,
+    __global long *mu_out,
+    __global long *tag_out,
+    __global int *place)
+{
+    place[u] = 0;
+    if (!RELAX(u)) return 0;
+    NEIGHBOURS
+        if (WITHIN(v)) place[v] = 1;
+    END
+    return 1;
+}
+
+#define PASS(u) moved |= pass(u, begin, end, EDGES, hop, mu, tag, mu_out, tag_out, place)
+
+/* The heap: vertices of which each is at most its (up to four) children, those of i at 4 i + 1 and after; place[u] - 1
+ * is where u is, 0 - 1 nowhere. Wide nodes make it shallow: its deeper levels are in no cache. */
+#define LESS(u, v) (mu_out[u] < mu_out[v] || (mu_out[u] == mu_out[v] && tag_out[u] < tag_out[v]))
+
+/* Put vertex u where it belongs, from the open place i on upwards. */
+static void rise(
+    const long u,
+    int i,
+    const long begin,
+    __global const long *mu_out,
+    __global const long *tag_out,
+    __global int *heap,
+    __global int *place)
+{
+    while (i > 0) {
+        const int parent = (i - 1) / 4;
+        const long v = begin + heap[parent];
+        if (!LESS(u, v)) break;
+        heap[i] = heap[parent];
+        place[v] = i + 1;
+        i = parent;
+    }
+    heap[i] = (int)(u - begin);
+    place[u] = i + 1;
+}
+
+/* Put vertex u where it belongs, from the open top on downwards, in a heap of this size. */
+static void sink(
+    const long u,
+    const int size,
+    const long begin,
+    __global const long *mu_out,
+    __global const long *tag_out,
+    __global int *heap,
+    __global int *place)
+{
+    int i = 0;
+    for (;;) {
+        const int child = 4 * i + 1, stop = min(child + 4, size);
+        if (child >= size) break;
+        int least = child;
+        long v = begin + heap[child];
+        for (int j = child + 1; j < stop; ++j) {
+            const long other = begin + heap[j];
+            if (LESS(other, v)) {
+                least = j;
+                v = other;
+            }
+        }
+        if (!LESS(v, u)) break;
+        heap[i] = heap[least];
+        place[v] = i + 1;
+        i = least;
+    }
+    heap[i] = (int)(u - begin);
+    place[u] = i + 1;
+}
+
+#define RISE(u, i) rise(u, i, begin, mu_out, tag_out, heap + begin, place)
+#define SINK(u) sink(u, size, begin, mu_out, tag_out, heap + begin, place)
+
+__kernel void influence_zones(
+    const long n,                      /* number of vertices */
+    EDGES_ARGS,
+    const long block,                  /* vertices of a work item, less than 2^31 */
+    const long line,                   /* vertices of a line */
+    const long reach,                  /* vertices at either end of a block to look at; the whole block: all, in lines */
+    const long hop,                    /* what an edge adds to a tag: 2^32, or 0 */
+    __global const long *mu,           /* (n,) */
+    __global const long *tag,          /* (n,) */
+    /* scratch */
+    __global int *place,               /* (n,): 0 at first, and after */
+    __global int *heap,                /* (n,) */
+    /* output */
+    __global long *mu_out,             /* (n,) */
+    __global long *tag_out,            /* (n,) */
+    __global int *changed)             /* one number per work item: whether anything in its block moved */
+{
+    const long item = get_global_id(0), begin = item * block, end = min(begin + block, n);
+    if (begin >= n) return;
+    for (long u = begin; u < end; ++u) {
+        mu_out[u] = mu[u];
+        tag_out[u] = tag[u];
+    }
+    if (block == 1) {                  /* without the scratch */
+        changed[item] = RELAX(begin);
+        return;
+    }
+    int moved = 0, size = 0;
+    if (2 * reach >= end - begin) {
+        for (long first = begin; first < end; first += line) {
+            const long last = min(first + line, end);
+            for (long u = first; u < last; ++u) PASS(u);
+            for (long u = last - 2; u >= first; --u) PASS(u);
+        }
+        for (long last = end; last > begin + line; last -= line) {
+            const long first = max(last - 2 * line, begin);
+            for (long u = first; u < last - line; ++u) PASS(u);
+            for (long u = last - line - 2; u >= first; --u) PASS(u);
+        }
+        for (long u = begin; u < end; ++u)
+            if (place[u]) {
+                place[u] = 0;
+                if (RELAX(u)) RISE(u, size++);
+            }
+    } else {
+        for (long i = 0; i < 2 * reach; ++i) {
+            const long u = i < reach ? begin + i : end - 2 * reach + i;
+            if (RELAX(u)) {
+                moved = 1;
+                RISE(u, size++);
+            }
+        }
+    }
+    while (size > 0) {
+        const long u = begin + heap[begin], last = begin + heap[begin + --size];
+        place[u] = 0;
+        if (size > 0) SINK(last);
+        const long from = mu_out[u], from_tag = tag_out[u] + hop;
+        NEIGHBOURS
+            if (!WITHIN(v)) continue;
+            const long d = from + length;
+            if (d < mu_out[v] || (d == mu_out[v] && from_tag < tag_out[v])) {
+                mu_out[v] = d;
+                tag_out[v] = from_tag;
+                RISE(v, place[v] ? place[v] - 1 : size++);
+            }
+        END
+    }
+    changed[item] = moved;
+}

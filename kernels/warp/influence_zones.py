@@ -1,0 +1,260 @@
+"""mu(u) = min over v of mu(v) + length(u, v) (section 5.2): one round towards the energy partition.
+
+Every vertex has its distance mu from the sources and a tag, the edges of the path that gave mu times 2^32, plus the
+label of its source. A vertex takes the least (mu(v) + length, tag(v) + hop) of its neighbours, compared in this order,
+if that is less than what it has: the least energy, then with hop = 2^32 the fewest edges, then the smallest label. All
+are integers, so that nothing is rounded, and what no round changes any more does not depend on the order in which
+vertices were treated.
+
+One work item: a block of neighbouring vertices, until nothing in it can move. It reads its own vertices as they are by
+then, those of other blocks as they were before the round: a path crosses a block in one round, and no work item reads
+what another one writes. In the first round it goes down the lines and up again, each there and back, which brings most
+vertices to rest where sources are many; in later ones it looks at those that have neighbours in other blocks. Then it
+goes on from the vertices that moved last as Dijkstra does, the least first, by a heap. On a GPU a block is one vertex,
+on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round reads 4 K lengths and
+4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex that passes the heap.
+
+On a grid an edge has its length at the end that comes first, (guard + n) H numbers with guard vertices of -1 before; a
+length below 0 is no edge, as where it would leave the grid or the mask. A stored graph has one per directed edge.
+"""
+
+import functools
+
+import warp as wp
+
+
+@functools.cache
+def struct():
+    """The struct that holds the graph and its lengths, and what a work item knows besides its block."""
+
+    @wp.struct
+    class Zones:
+        n: wp.int32  # number of vertices
+        H: wp.int32  # forward neighbours on a grid; 0: a stored graph
+        guard: wp.int32  # vertices of -1 before the first length of a grid: the largest jump
+        jumps: wp.array(dtype=wp.int32)  # (H,): from a vertex to its forward neighbours
+        indptr: wp.array(dtype=wp.int32)  # (n + 1,)
+        indices: wp.array(dtype=wp.int32)  # (n_edges,)
+        lengths: wp.array(dtype=wp.int32)  # (guard + n) H, or (n_edges,)
+        block: wp.int32  # vertices of a work item
+        line: wp.int32  # vertices of a line
+        reach: wp.int32  # vertices at either end of a block to look at; the whole block: all, in lines
+        hop: wp.int64  # what an edge adds to a tag: 2^32, or 0
+        mu: wp.array(dtype=wp.int64)  # (n,)
+        tag: wp.array(dtype=wp.int64)  # (n,)
+        # scratch
+        place: wp.array(dtype=wp.int32)  # (n,): 0 at first, and after
+        heap: wp.array(dtype=wp.int32)  # (n,)
+        # output
+        mu_out: wp.array(dtype=wp.int64)  # (n,)
+        tag_out: wp.array(dtype=wp.int64)  # (n,)
+
+    return Zones
+
+
+@functools.cache
+def make(grid):
+    """The kernel for a grid, or for a stored graph."""
+    Zones = struct()
+
+    # The neighbours of u are numbered from first to last: offsets of a grid, backward ones first, or stored edges.
+
+    @wp.func
+    def first(z: Zones, u: int) -> int:
+        if wp.static(grid):
+            return 0
+        return z.indptr[u]
+
+    @wp.func
+    def last(z: Zones, u: int) -> int:
+        if wp.static(grid):
+            return 2 * z.H
+        return z.indptr[u + 1]
+
+    @wp.func
+    def neighbour(z: Zones, u: int, e: int) -> int:
+        if wp.static(grid):
+            if e < z.H:
+                return u - z.jumps[e]
+            return u + z.jumps[e - z.H]
+        return z.indices[e]
+
+    @wp.func
+    def length(z: Zones, u: int, v: int, e: int) -> int:
+        if wp.static(grid):
+            if e < z.H:
+                return z.lengths[(z.guard + v) * z.H + e]
+            return z.lengths[(z.guard + u) * z.H + e - z.H]
+        return z.lengths[e]
+
+    @wp.func
+    def less(z: Zones, u: int, v: int) -> bool:
+        if z.mu_out[u] == z.mu_out[v]:
+            return z.tag_out[u] < z.tag_out[v]
+        return z.mu_out[u] < z.mu_out[v]
+
+    @wp.func
+    def relax(z: Zones, u: int, begin: int, end: int) -> int:
+        """Give vertex u the best that its neighbours offer; 1 if that is less than what it had."""
+        best = z.mu_out[u]
+        best_tag = z.tag_out[u]
+        moved = int(0)
+        for e in range(first(z, u), last(z, u)):
+            v = neighbour(z, u, e)
+            along = length(z, u, v, e)
+            if along >= 0:
+                d = wp.int64(0)
+                t = wp.int64(0)
+                if v >= begin and v < end:
+                    d = z.mu_out[v]
+                    t = z.tag_out[v]
+                else:
+                    d = z.mu[v]
+                    t = z.tag[v]
+                d += wp.int64(along)
+                t += z.hop
+                if d < best or (d == best and t < best_tag):
+                    best = d
+                    best_tag = t
+                    moved = 1
+        if moved == 1:
+            z.mu_out[u] = best
+            z.tag_out[u] = best_tag
+        return moved
+
+    @wp.func
+    def passing(z: Zones, u: int, begin: int, end: int) -> int:
+        """Vertex u in a pass over the block; if it moves, its neighbours have to be looked at again."""
+        z.place[u] = 0
+        moved = relax(z, u, begin, end)
+        if moved == 1:
+            for e in range(first(z, u), last(z, u)):
+                v = neighbour(z, u, e)
+                if v >= begin and v < end and length(z, u, v, e) >= 0:
+                    z.place[v] = 1
+        return moved
+
+    # The heap: vertices of which each is at most its (up to four) children, those of i at 4 i + 1 and after;
+    # place[u] - 1 is where u is, 0 - 1 nowhere. Wide nodes make it shallow: its deeper levels are in no cache.
+
+    @wp.func
+    def rise(z: Zones, u: int, at: int, begin: int):
+        """Put vertex u where it belongs, from the open place `at` on upwards."""
+        i = int(at)
+        rising = bool(i > 0)
+        while rising:
+            parent = (i - 1) / 4
+            v = z.heap[begin + parent]
+            rising = less(z, u, v)
+            if rising:
+                z.heap[begin + i] = v
+                z.place[v] = i + 1
+                i = parent
+                rising = i > 0
+        z.heap[begin + i] = u
+        z.place[u] = i + 1
+
+    @wp.func
+    def sink(z: Zones, u: int, size: int, begin: int):
+        """Put vertex u where it belongs, from the open top on downwards, in a heap of this size."""
+        i = int(0)
+        sinking = bool(size > 1)
+        while sinking:
+            child = 4 * i + 1
+            least = int(child)
+            v = z.heap[begin + child]
+            for j in range(child + 1, wp.min(child + 4, size)):
+                other = z.heap[begin + j]
+                if less(z, other, v):
+                    least = j
+                    v = other
+            sinking = less(z, v, u)
+            if sinking:
+                z.heap[begin + i] = v
+                z.place[v] = i + 1
+                i = least
+                sinking = 4 * i + 1 < size
+        z.heap[begin + i] = u
+        z.place[u] = i + 1
+
+    @wp.func
+    def sweep(z: Zones, begin: int, end: int) -> int:
+        """Down the lines of a block and up again, each there and back; 1 if anything moved."""
+        moved = int(0)
+        lines = (end - begin + z.line - 1) / z.line
+        for i in range(2 * lines - 1):
+            row = i
+            if i >= lines:
+                row = 2 * lines - 2 - i
+            left = begin + row * z.line
+            right = wp.min(left + z.line, end)
+            for u in range(left, right):
+                moved |= passing(z, u, begin, end)
+            for k in range(right - left - 1):
+                moved |= passing(z, right - 2 - k, begin, end)
+        return moved
+
+    @wp.func
+    def settle(z: Zones, begin: int, end: int) -> int:
+        """One round of a block; 1 if anything moved."""
+        moved = int(0)
+        size = int(0)
+        if 2 * z.reach >= end - begin:
+            moved = sweep(z, begin, end)
+            for u in range(begin, end):
+                if z.place[u] == 1:
+                    # a flag so far; what is in the heap lies before u
+                    z.place[u] = 0
+                    if relax(z, u, begin, end) == 1:
+                        rise(z, u, size, begin)
+                        size += 1
+        else:
+            for i in range(2 * z.reach):
+                u = begin + i
+                if i >= z.reach:
+                    u = end - 2 * z.reach + i
+                if relax(z, u, begin, end) == 1:
+                    moved = 1
+                    rise(z, u, size, begin)
+                    size += 1
+        while size > 0:
+            u = z.heap[begin]
+            size -= 1
+            z.place[u] = 0
+            if size > 0:
+                sink(z, z.heap[begin + size], size, begin)
+            t = z.tag_out[u] + z.hop
+            for e in range(first(z, u), last(z, u)):
+                v = neighbour(z, u, e)
+                along = length(z, u, v, e)
+                if along >= 0 and v >= begin and v < end:
+                    d = z.mu_out[u] + wp.int64(along)
+                    if d < z.mu_out[v] or (d == z.mu_out[v] and t < z.tag_out[v]):
+                        z.mu_out[v] = d
+                        z.tag_out[v] = t
+                        if z.place[v] > 0:
+                            rise(z, v, z.place[v] - 1, begin)
+                        else:
+                            rise(z, v, size, begin)
+                            size += 1
+        return moved
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def influence_zones(
+        z: Zones,
+        start: wp.vec2i,  # the launch's first work item, and 0
+        # output
+        changed: wp.array(dtype=wp.int32),  # one number per work item: whether anything in its block moved
+    ):
+        item = start[0] + wp.tid()
+        begin = item * z.block
+        end = wp.min(begin + z.block, z.n)
+        for u in range(begin, end):
+            z.mu_out[u] = z.mu[u]
+            z.tag_out[u] = z.tag[u]
+        if z.block == 1:
+            changed[item] = relax(z, begin, begin, end)
+        else:
+            changed[item] = settle(z, begin, end)
+
+    return influence_zones
