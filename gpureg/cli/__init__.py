@@ -1,11 +1,12 @@
-"""The command line: ``gpureg denoise``, ``gpureg demo``, ``gpureg backends``; a file for each."""
+"""The command line: ``gpureg denoise``, ``simplify``, ``demo``, ``backends``; a file for each."""
 
 from .backends import list_backends
 from .demo import demo
 from .denoise import denoise
 from .group import main
+from .simplify import simplify
 
-__all__ = ["demo", "denoise", "list_backends", "main"]
+__all__ = ["demo", "denoise", "list_backends", "main", "simplify"]
 
-for command in (denoise, demo, list_backends):
+for command in (denoise, simplify, demo, list_backends):
     main.add_command(command)

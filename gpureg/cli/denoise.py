@@ -94,20 +94,10 @@ _OPTIONS_OF_WEIGHTS = {
     "[default: weighted in a picture without --weights, otherwise none]",
 )
 @click.option("--nearest", type=int, help="patch: keep so many of each pixel's edges, those to the nearest patches.")
-@click.option(
-    "--solver",
-    type=click.Choice(["jacobi", "certified"]),
-    default="jacobi",
-    show_default=True,
-    help="certified: the minimiser, for p >= 1, with a bound on how far off it is.",
-)
+@options.solver
 @click.option("--max-iter", type=int, help="Iterations at most.")
-@click.option(
-    "--tol",
-    type=float,
-    help="Stop when the largest change is this share of the range; certified: the gap this share of the energy.",
-)
-@click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
+@options.tol
+@options.eps
 @options.backend
 @options.dtype
 @click.option(

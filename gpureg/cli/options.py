@@ -8,6 +8,19 @@ import click
 
 FILE = click.Path(path_type=Path, readable=False)
 
+solver = click.option(
+    "--solver",
+    type=click.Choice(["jacobi", "certified"]),
+    default="jacobi",
+    show_default=True,
+    help="certified: the minimiser, for p >= 1, with a bound on how far off it is.",
+)
+tol = click.option(
+    "--tol",
+    type=float,
+    help="Stop when the largest change is this share of the range; certified: the gap this share of the energy.",
+)
+eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
 backend = click.option(
     "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
 )
