@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,32 +16,10 @@ import numpy.typing as npt
 from . import plot
 from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
-from .picture import AXES
+from .layout import beside, inside_of, layout_of
 from .report import number, report_of
 from .settings import Settings, expect_fitting, plan_of
 from .solvers.loop import progress_bar
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How the axes of a picture are used: some gone through slice by slice, the grid's, and the channels last."""
-
-    through: str
-    grid: str
-    spacing: tuple[float, ...] | None
-
-    def turned(self, array: npt.NDArray[Any], letters: str) -> npt.NDArray[Any]:
-        """The slices of `array`, whose axes have these letters, along one first axis: a view where that can be."""
-        order = [letters.index(letter) for letter in self.through + self.grid + "C" if letter in letters]
-        turned = array.transpose(order)
-        return turned.reshape(-1, *turned.shape[len(self.through) :])
-
-    def turned_back(self, slices: list[npt.NDArray[Any]], picture: Picture) -> npt.NDArray[Any]:
-        """The picture of these slices."""
-        letters = [letter for letter in self.through + self.grid + "C" if letter in picture.axes]
-        shape = [picture.size(letter) for letter in letters]
-        whole = slices[0] if len(slices) == 1 else np.stack(slices)
-        return whole.reshape(shape).transpose([letters.index(letter) for letter in picture.axes])
 
 
 def denoise_file(
@@ -76,27 +54,26 @@ def denoise_file(
         As :func:`gpureg.denoise_image`.
     """
     expect_fitting(settings)
-    for beside in beside_of(source, settings):
-        if os.path.exists(beside) and os.path.exists(target) and os.path.samefile(beside, target):
-            raise ValueError(f"{target} would overwrite {beside}, which is read; give another OUT")
+    for path in beside_of(source, settings):
+        if os.path.exists(path) and os.path.exists(target) and os.path.samefile(path, target):
+            raise ValueError(f"{target} would overwrite {path}, which is read; give another OUT")
     picture = read_picture(source, settings.axes)
     check_destination(target, picture)
-    layout = _layout(picture, source, settings)
-    inside, nans, masked = _inside(picture, source, settings)
+    layout = layout_of(picture, source, settings.each, settings.spacing)
+    inside, nans, masked = inside_of(picture, source, settings.mask)
     slices = layout.turned(picture.pixels, picture.axes)
     kept = None if inside is None else layout.turned(inside, picture.axes.replace("C", ""))
     axis = None if picture.channel_axis is None else -1
     measure: Callable[[npt.NDArray[Any]], tuple[float, float]] | None = None
     quality: list[tuple[float, float]] = []
     if settings.reference is not None:
-        clean, limits = _reference(picture, source, _beside(settings.reference, source))
+        clean, limits = _reference(picture, source, beside(settings.reference, source))
         clean = layout.turned(clean, picture.axes)
         measure = partial(_quality, clean=clean, kept=kept, limits=limits, axis=axis)
         quality.append(measure(slices))
     guides: npt.NDArray[Any] | None = None
     if settings.guide is not None:
-        guides = layout.turned(*_guide(picture, source, _beside(settings.guide, source)))
-    through = "".join(letter for letter in layout.through if picture.size(letter) > 1)
+        guides = layout.turned(*_guide(picture, source, beside(settings.guide, source)))
     values, runs = [], []
     explained: list[str] = []
     # The plans that are told would run into the bar.
@@ -109,7 +86,7 @@ def denoise_file(
                 continue
             plan = plan_of(part, settings, layout.spacing, axis, mask)
             if settings.explain:
-                heading = "" if len(slices) == 1 else f"slice {i + 1} of {len(slices)} along {through}\n"
+                heading = "" if len(slices) == 1 else f"slice {i + 1} of {len(slices)} along {layout.several}\n"
                 explained.append(heading + plan.explain())
                 tell(explained[-1])
             result = run_plan(
@@ -126,8 +103,8 @@ def denoise_file(
         done(len(slices))
     if measure is not None:
         quality.append(measure(np.stack(values)))
-    write_picture(target, replace(picture, pixels=layout.turned_back(values, picture)))
-    report = report_of(runs, source, target, picture, through=through)
+    write_picture(target, replace(picture, pixels=layout.turned_back(values, picture.axes)))
+    report = report_of(runs, source, target, picture, through=layout.several)
     if isinstance(settings.lam, str):
         report["lam_search"] = settings.lam
     if settings.norm != "vertex":
@@ -149,75 +126,10 @@ def denoise_file(
     return report
 
 
-def _layout(picture: Picture, source: Path, settings: Settings) -> _Layout:
-    axes = picture.axes
-    for letter in settings.each:
-        if letter not in axes:
-            guess = "" if picture.tags.named else ", as the file names none; --axes TYX makes it a series"
-            raise ValueError(f"--each {letter}: the axes of {source} are {axes}{guess}")
-    joined = "".join(letter for letter in axes if letter not in {"C", *settings.each})
-    sizes: dict[str, float] | None = None
-    if settings.spacing == "file":
-        sizes = picture.tags.sizes
-        missing = ", ".join(letter for letter in joined if letter not in sizes)
-        if missing == "T":
-            raise PictureError(
-                f"{source}: time has no size in the units of space; give the sizes along {', '.join(joined)} as "
-                f"numbers (--spacing), or take the slices one by one (--each T)"
-            )
-        if missing:
-            raise PictureError(
-                f"{source} names no size of a voxel along {missing}; give the sizes along {', '.join(joined)} as "
-                f"numbers, such as --spacing {','.join('1' * len(joined))}"
-            )
-    elif settings.spacing is not None:
-        if len(settings.spacing) != len(joined):
-            raise ValueError(
-                f"--spacing has {len(settings.spacing)} number(s); in {source} {len(joined)} axes join the graph: "
-                f"{', '.join(joined)}"
-            )
-        sizes = dict(zip(joined, settings.spacing, strict=True))
-    # An axis of one slice is none: a picture gets the filter of a picture.
-    grid = "".join(letter for letter in AXES if letter in joined and (letter in "YX" or picture.size(letter) > 1))
-    through = "".join(letter for letter in AXES if letter in axes and letter not in grid + "C")
-    return _Layout(through, grid, None if sizes is None else tuple(sizes[letter] for letter in grid))
-
-
-def _beside(path: Path, source: Path) -> Path:
-    """The file that goes with `source`: `path`, or the one of the same name in the folder `path`."""
-    return path / source.name if os.path.isdir(path) else path
-
-
 def beside_of(source: Path, settings: Settings) -> list[Path]:
     """The files that are read besides `source`: its mask, its guide and its reference."""
-    beside = (settings.mask, settings.guide, settings.reference)
-    return [_beside(path, source) for path in beside if path is not None]
-
-
-def _inside(picture: Picture, source: Path, settings: Settings) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
-    """Where cells take part, None for everywhere; how many are left out as NaN, how many by the mask."""
-    inside: npt.NDArray[np.bool_] | None = None
-    nans = masked = 0
-    if settings.mask is not None:
-        path = _beside(settings.mask, source)
-        mask = read_picture(path)
-        inside = np.asarray(mask.pixels != 0)
-        if mask.channel_axis is not None:
-            inside = np.asarray(inside.any(axis=mask.channel_axis))
-        if inside.shape != picture.cells:
-            raise PictureError(f"the mask {path} has the shape {inside.shape}, {source} has {picture.cells}")
-        masked = inside.size - int(np.count_nonzero(inside))
-    if picture.pixels.dtype.kind == "f":
-        number = ~np.isnan(picture.pixels)
-        if picture.channel_axis is not None:
-            number = number.all(axis=picture.channel_axis)
-        if not number.all():
-            both = number if inside is None else number & inside
-            nans = (number.size if inside is None else int(np.count_nonzero(inside))) - int(np.count_nonzero(both))
-            inside = both
-    if inside is not None and not inside.any():
-        raise PictureError(f"{source}: no pixel takes part, all are NaN or outside the mask")
-    return inside, nans, masked
+    paths = (settings.mask, settings.guide, settings.reference)
+    return [beside(path, source) for path in paths if path is not None]
 
 
 def _guide(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], str]:

@@ -12,7 +12,7 @@ import secrets
 import shutil
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ __all__ = [
     "read_picture",
     "write_atomically",
     "write_picture",
+    "write_pictures",
 ]
 
 FORMATS = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -37,7 +38,7 @@ FORMATS = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".jpg": "JPEG", ".jpe
 _JPEG_SIDE = 65500  # libjpeg's limit
 
 
-def read_picture(path: str | os.PathLike[str], axes: str | None = None) -> Picture:
+def read_picture(path: str | os.PathLike[str], axes: str | None = None, *, labels: bool = False) -> Picture:
     """Read a PNG, TIFF or JPEG file; its content decides, not its name.
 
     A picture comes upright, as its EXIF or TIFF tag says, and its colours not multiplied by alpha.
@@ -48,6 +49,8 @@ def read_picture(path: str | os.PathLike[str], axes: str | None = None) -> Pictu
     axes : str, optional
         A letter for each axis of the values, of T, Z, Y, X and C; None takes those that the file names. A stack that
         names none is a volume, ZYX.
+    labels : bool, default False
+        Take whole numbers of any width and sign, as labels are kept.
 
     Raises
     ------
@@ -78,7 +81,9 @@ def read_picture(path: str | os.PathLike[str], axes: str | None = None) -> Pictu
         raise
     except Exception as error:  # what a decoder raises on broken data is not for users to know
         raise PictureError(f"{path} is truncated or damaged: {error}") from None
-    if picture.pixels.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+    if picture.pixels.dtype not in (np.uint8, np.uint16, np.float32, np.float64) and not (
+        labels and picture.pixels.dtype.kind in "iu"
+    ):
         raise PictureError(f"{path} holds {picture.pixels.dtype} pixels; uint8, uint16 and float can be treated")
     if picture.pixels.size == 0:
         raise PictureError(f"{path} holds no pixels")
@@ -201,29 +206,64 @@ def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
     PictureError
         As :func:`check_destination`, or a disk that refuses.
     """
-    check_destination(path, picture)
-    kind = FORMATS[Path(path).suffix.lower()]
-    if kind == "TIFF":
-        write_atomically(path, lambda temporary: write_tiff(temporary, picture))
-    else:
-        write_atomically(path, lambda temporary: temporary.write_bytes(_encode(kind, picture)))
+    write_pictures({Path(path): picture})
+
+
+def write_pictures(pictures: Mapping[Path, Picture]) -> None:
+    """Write pictures as :func:`write_picture` does, all or none: none is renamed before the last is written.
+
+    Raises
+    ------
+    PictureError
+        As :func:`write_picture`.
+    """
+    for path, picture in pictures.items():
+        check_destination(path, picture)
+    _write_all({path: partial(_write, FORMATS[path.suffix.lower()], picture) for path, picture in pictures.items()})
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
     """Call `write` with a temporary name in the folder of `path`, then rename; nothing is left behind on failure."""
-    # A link stays one: what it points to is replaced.
-    target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    _write_all({Path(path): write})
+
+
+def _write_all(writes: Mapping[Path, Callable[[Path], Any]]) -> None:
+    with contextlib.ExitStack() as temporaries:
+        written: list[tuple[Path, Path, Path]] = []
+        for path, write in writes.items():
+            # A link stays one: what it points to is replaced.
+            target = Path(os.path.realpath(path))
+            temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+            temporaries.callback(_remove, temporary)
+            with _told(path):
+                write(temporary)
+                if target.exists():
+                    shutil.copymode(target, temporary)
+            written.append((path, temporary, target))
+        for path, temporary, target in written:
+            with _told(path):
+                os.replace(temporary, target)
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """What the system refuses, as a sentence."""
     try:
-        write(temporary)
-        if target.exists():
-            shutil.copymode(target, temporary)
-        os.replace(temporary, target)
+        yield
     except OSError as error:
         raise PictureError(f"{path} cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+
+
+def _remove(temporary: Path) -> None:
+    with contextlib.suppress(OSError):
+        temporary.unlink(missing_ok=True)
+
+
+def _write(kind: str, picture: Picture, temporary: Path) -> None:
+    if kind == "TIFF":
+        write_tiff(temporary, picture)
+    else:
+        temporary.write_bytes(_encode(kind, picture))
 
 
 def _encode(kind: str, picture: Picture) -> bytes:

@@ -39,11 +39,9 @@ def _run(plan: DenoisePlan, result: Result) -> dict[str, Any]:
     } | ({} if result.gap is None else {"gap": number(result.gap)})
 
 
-def report_of(
-    runs: Sequence[tuple[DenoisePlan, Result]], source: Path, target: Path, picture: Picture, *, through: str = ""
-) -> dict[str, Any]:
-    """A report as JSON can hold it; `through` names the axes whose slices were treated one by one."""
-    report: dict[str, Any] = {
+def about(source: Path, target: Path, picture: Picture) -> dict[str, Any]:
+    """What a report says of the files and the picture in them, as JSON can hold it."""
+    files: dict[str, Any] = {
         "input": str(source),
         "output": str(target),
         "width": picture.size("X"),
@@ -52,6 +50,16 @@ def report_of(
         "dtype": str(picture.pixels.dtype),
         "alpha": picture.alpha is not None,
     }
+    if picture.is_stack:
+        files |= {"axes": picture.axes, "axes_named": picture.tags.named, "shape": list(picture.pixels.shape)}
+    return files
+
+
+def report_of(
+    runs: Sequence[tuple[DenoisePlan, Result]], source: Path, target: Path, picture: Picture, *, through: str = ""
+) -> dict[str, Any]:
+    """A report as JSON can hold it; `through` names the axes whose slices were treated one by one."""
+    report = about(source, target, picture)
     if through:
         report |= {"each": through, "slices": [_run(plan, result) for plan, result in runs]}
     else:
@@ -61,8 +69,6 @@ def report_of(
         "seconds": round(sum(result.seconds for _, result in runs), 4),
         "version": __version__,
     }
-    if picture.is_stack:
-        report |= {"axes": picture.axes, "axes_named": picture.tags.named, "shape": list(picture.pixels.shape)}
     return report
 
 
@@ -87,6 +93,17 @@ def quality_line(psnr: Mapping[str, float | str], ssim: Mapping[str, float | str
     return line if math.isnan(after) else f"{line}, SSIM {before:.3f} -> {after:.3f}"
 
 
+def done_line(report: dict[str, Any]) -> str:
+    """How long it took and where, the picture's size, and the file."""
+    if "axes" in report:
+        letters = zip(report["axes"], report["shape"], strict=True)
+        size = " x ".join(f"{length} {letter}" for letter, length in letters if letter != "C")
+    else:
+        size = f"{report['width']} x {report['height']}"
+    size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
+    return f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}"
+
+
 def as_lines(report: dict[str, Any]) -> str:
     """A report for a reader: noise, filter, done, and what else there is to say."""
     runs = report.get("slices", [report])
@@ -107,13 +124,7 @@ def as_lines(report: dict[str, Any]) -> str:
         lines.append(left_out(report.get("nan", 0), report.get("outside_mask", 0)))
     if "psnr" in report:
         lines.append(quality_line(report["psnr"], report["ssim"]))
-    if "axes" in report:
-        letters = zip(report["axes"], report["shape"], strict=True)
-        size = " x ".join(f"{length} {letter}" for letter, length in letters if letter != "C")
-    else:
-        size = f"{report['width']} x {report['height']}"
-    size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
     if report.get("gap") is not None:
         lines.append(f"minimum  the energy, {report['energy'][-1]:.6g}, is at most {report['gap']:.2g} above it")
-    lines.append(f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}")
+    lines.append(done_line(report))
     return "\n".join(lines)

@@ -1,0 +1,66 @@
+"""The group of all commands, and what becomes of failures: a sentence and an exit code.
+
+0 done, 1 the work failed (a file, a backend), 2 a wrong call, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from .. import __version__
+from ..batch import FAILURES, sentence
+
+
+class _Failure(click.ClickException):
+    """The work failed: one sentence, exit code 1."""
+
+    exit_code = 1
+
+    def show(self, file: Any = None) -> None:
+        """Tell it on the error stream."""
+        click.echo(f"gpureg: {self.message}", err=True)
+
+
+def sentences(work: Callable[[], Any]) -> Any:
+    """Run, and turn what can go wrong into a sentence and an exit code."""
+    try:
+        return work()
+    except (ValueError, TypeError) as error:
+        raise click.UsageError(sentence(error)) from None
+    except FAILURES as error:
+        raise _Failure(sentence(error)) from None
+
+
+class _Group(click.Group):
+    """Lets an interrupted run end quietly, with the shell's exit code for it."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run a command and leave the process."""
+        try:
+            # Without its standalone mode click gives an exit code back instead of leaving with it.
+            code = super().main(*args, **{**kwargs, "standalone_mode": False})
+            sys.exit(code if isinstance(code, int) else 0)
+        except (KeyboardInterrupt, click.Abort):
+            click.echo("gpureg: interrupted, nothing was written", err=True)
+            sys.exit(130)
+        except click.ClickException as error:
+            error.show()
+            sys.exit(error.exit_code)
+        except OSError as error:
+            # Standard output refuses: its reader has gone, which needs no word, or its disk is full.
+            if not isinstance(error, BrokenPipeError):
+                click.echo(f"gpureg: standard output: {error.strerror}", err=True)
+            # What is still buffered goes nowhere, or the interpreter would complain at its end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(1)
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="gpureg")
+def main() -> None:
+    """Denoise and simplify pictures by p-Laplacian regularization on weighted graphs, on the fastest device at hand."""

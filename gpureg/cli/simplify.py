@@ -1,0 +1,163 @@
+"""``gpureg simplify``: a picture in, one of few regions out, and its partition."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..picture import checked_axes
+from ..problem import NORMS
+from ..region_graph import METRICS
+from ..region_values import MODELS
+from ..regions import SOURCES, WEIGHTS
+from ..settings import as_spacing
+from ..simplification import Simplification, simplify_file
+from ..simplification_report import as_lines
+from . import options
+from .group import sentences
+from .options import FILE
+from .terminal import say
+
+# Options that belong to one weight function alone.
+_OPTIONS_OF_WEIGHTS = {"h": "similarity", "sigma_space": "bilateral", "sigma_value": "bilateral"}
+
+
+def _sources(text: str) -> str | int:
+    """The name of a kind of sources, or pixels between seeds."""
+    word = text.strip().lower()
+    if word in SOURCES:
+        return word
+    if word.isdecimal() and int(word) >= 1:
+        return int(word)
+    raise click.BadParameter(
+        f"{text!r} is neither one of {', '.join(SOURCES)} nor a number of pixels >= 1 between seeds."
+    )
+
+
+@click.command(
+    epilog="Example: gpureg simplify photo.png simple.png --labels regions.tif    "
+    "As in the paper's Fig. 4: gpureg simplify photo.png simple.png --smooth 0 --lam 0"
+)
+@click.argument("source", metavar="IN", type=FILE)
+@click.argument("target", metavar="OUT", type=FILE)
+@click.option(
+    "--sources",
+    type=_sources,
+    metavar=f"{'|'.join(SOURCES)}|STEP",
+    help="Where zones grow from: extrema of the intensity, minima of the gradient, or seeds STEP pixels apart.  "
+    "[default: extrema]",
+)
+@click.option(
+    "--markers", type=FILE, help="Picture of sources: one for each number above 0. PNG, or TIFF of any whole numbers."
+)
+@click.option(
+    "--smooth",
+    type=float,
+    help="Gaussian that sources and zones see the picture through, in pixels.  [default: the least of 0, 0.5, 0.75, 1, "
+    "1.5, 2 that leaves one region to 10 pixels; 0 for seeds and markers]",
+)
+@click.option(
+    "--metric",
+    type=click.Choice(METRICS),
+    default="cityblock",
+    show_default=True,
+    help="Pixels are neighbours across edges, or across corners too.",
+)
+@click.option(
+    "--compactness",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Pixel values that a step costs besides its variation: larger makes rounder zones.",
+)
+@click.option(
+    "--model", type=click.Choice(MODELS), default="mean", show_default=True, help="What a region is painted with."
+)
+@click.option(
+    "--p",
+    type=float,
+    default=2.0,
+    show_default=True,
+    help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.",
+)
+@click.option(
+    "--lam", type=float, default=0.05, show_default=True, help="Fidelity >= 0: larger stays closer to the regions."
+)
+@click.option("--by-size/--no-by-size", help="Whether lam grows with a region's size, so that each pixel counts alike.")
+@click.option(
+    "--weights",
+    "kind",
+    type=click.Choice([*WEIGHTS, "bilateral"]),
+    default="similarity",
+    show_default=True,
+    help="Weights between neighbouring regions; the options below belong to them. border: by length.",
+)
+@click.option("--h", type=float, help="similarity: filtering parameter.  [default: 2 of the median difference]")
+@click.option("--sigma-space", type=float, help="bilateral: reach in pixels, or units of --spacing.")
+@click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.")
+@click.option(
+    "--norm",
+    type=click.Choice(NORMS),
+    default="vertex",
+    show_default=True,
+    help="One gradient norm at each region, or one along each edge (anisotropic).",
+)
+@click.option(
+    "--rings", type=int, default=1, show_default=True, help="Regions so many steps apart count as neighbours."
+)
+@options.solver
+@click.option(
+    "--max-iter", type=int, default=30, show_default=True, help="Iterations at most; 0 leaves the regions as they are."
+)
+@options.tol
+@options.eps
+@click.option("--merge", type=float, metavar="TOL", help="Join regions whose final values are at most so far apart.")
+@options.backend
+@options.dtype
+@options.axes
+@options.each
+@options.spacing
+@options.mask
+@click.option("--labels", type=FILE, help="TIFF for the number of each pixel's region, 0 and up; -1 for none.")
+@click.option("--random-colours", type=FILE, help="Picture for the regions in random colours.")
+@click.option("--fine", type=FILE, help="Picture for the regions before regularization and merging.")
+@options.as_json
+@options.quiet
+@options.progress
+def simplify(
+    source: Path,
+    target: Path,
+    as_json: bool,
+    quiet: bool,
+    progress: bool | None,
+    **given: Any,
+) -> None:
+    """Cut the picture IN into zones around its extrema, regularize these on their graph, and paint them to OUT.
+
+    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. TIFF stacks are volumes or series, of float
+    values too; pixels that are NaN are left out. All files are written, or none.
+    """
+    for name, owner in _OPTIONS_OF_WEIGHTS.items():
+        if given[name] is not None and owner != given["kind"]:
+            raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
+    if given["markers"] is not None and given["sources"] is not None:
+        raise click.UsageError("--markers are the sources: leave --sources out")
+    show = (sys.stderr.isatty() if progress is None else progress) and not quiet
+
+    def work() -> dict[str, Any]:
+        read = {"spacing": as_spacing, "axes": checked_axes}
+        asked = given | {"sources": given["sources"] or Simplification.sources}
+        settings = Simplification(
+            **asked | {name: as_(given[name]) for name, as_ in read.items() if given[name] is not None}
+        )
+        return simplify_file(source, target, settings, progress=show)
+
+    report = sentences(work)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))
+    elif not quiet:
+        say(as_lines(report))

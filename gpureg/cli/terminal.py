@@ -1,0 +1,25 @@
+"""Text on a terminal."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import textwrap
+from typing import Any
+
+import click
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Write text, its lines broken under their last column where a terminal would break them anywhere."""
+    if (sys.stderr if err else sys.stdout).isatty():
+        width = shutil.get_terminal_size().columns - 1
+        lines = []
+        for line in text.splitlines():
+            columns = re.match(r".*\S {2,}", line)
+            hanging = " " * min(len(columns[0]) if columns else 0, 2 * width // 3)
+            whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+            lines += textwrap.wrap(line, width, subsequent_indent=hanging, **whole) or [""]
+        text = "\n".join(lines)
+    click.echo(text, err=err)

@@ -1,0 +1,276 @@
+"""From a picture file to a simpler one, and its partition: what ``gpureg simplify`` does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import weights
+from .graph import Metric
+from .io import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
+from .layout import Layout, beside, inside_of, layout_of
+from .picture import Tags
+from .problem import Norm
+from .region_values import Model
+from .regions import Regions, SourceKind, WeightKind, simplify_image
+from .simplification_report import Errors, report_of, run_of
+from .solvers.loop import progress_bar
+from .weights import Weights
+
+Kind = WeightKind | Literal["bilateral"]
+
+# Outputs that have the picture's cells, and not its channels.
+_ON_CELLS = ("--labels", "--random-colours")
+
+# Words of a file that stay true of labels and colours.
+_SIZES = ("spacing", "unit", "finterval", "fps", "PhysicalSize", "TimeIncrement")
+
+
+@dataclass(frozen=True)
+class Simplification:
+    """What is asked for besides IN and OUT; the fields are the options of ``gpureg simplify``."""
+
+    sources: SourceKind | int = "extrema"
+    markers: Path | None = None
+    smooth: float | None = None
+    metric: Metric = "cityblock"
+    compactness: float = 0.0
+    model: Model = "mean"
+    p: float = 2.0
+    lam: float = 0.05
+    kind: Kind = "similarity"
+    h: float | None = None
+    sigma_space: float | None = None
+    sigma_value: float | None = None
+    norm: Norm = "vertex"
+    rings: int = 1
+    by_size: bool = False
+    solver: Literal["jacobi", "certified"] = "jacobi"
+    max_iter: int = 30
+    tol: float | None = None
+    eps: float | None = None
+    merge: float | None = None
+    backend: str = "auto"
+    dtype: str | None = None
+    axes: str | None = None
+    each: tuple[str, ...] = ()
+    spacing: tuple[float, ...] | Literal["file"] | None = None
+    mask: Path | None = None
+    labels: Path | None = None
+    random_colours: Path | None = None
+    fine: Path | None = None
+
+    def model_of_regions(self) -> dict[str, Any]:
+        """What :func:`gpureg.simplify_image` is told besides the picture, its sources, its mask and its axes.
+
+        Raises
+        ------
+        ValueError
+            Bilateral weights without their reach.
+        """
+        kind: Kind | Weights = self.kind
+        if self.kind == "bilateral":
+            if self.sigma_space is None or self.sigma_value is None:
+                raise ValueError(
+                    "--weights bilateral needs --sigma-space, in pixels or units of --spacing, and --sigma-value, in "
+                    "pixel values"
+                )
+            kind = weights.bilateral(self.sigma_space, self.sigma_value)
+        names = (
+            *("smooth", "metric", "compactness", "model", "p", "lam", "h", "norm", "rings", "by_size"),
+            *("solver", "max_iter", "tol", "eps", "backend", "dtype"),
+        )
+        return {"weights": kind} | {name: getattr(self, name) for name in names}
+
+    def outputs(self, target: Path) -> dict[str, Path]:
+        """The files to write, by the option that names them."""
+        files = {"OUT": target, "--labels": self.labels, "--random-colours": self.random_colours, "--fine": self.fine}
+        return {option: path for option, path in files.items() if path is not None}
+
+
+def simplify_file(source: Path, target: Path, settings: Simplification, *, progress: bool = False) -> dict[str, Any]:
+    """Simplify the picture, volume or series `source` into the file `target`, and write what is asked for beside it.
+
+    All files are written, or none.
+
+    Parameters
+    ----------
+    source, target : Path
+    settings : Simplification
+    progress : bool, default False
+        Whether to draw a bar.
+
+    Returns
+    -------
+    dict
+        What was done, as JSON can hold it.
+
+    Raises
+    ------
+    PictureError
+        A file that cannot be read or written, or files that do not fit together.
+    ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
+        As :func:`gpureg.simplify_image`.
+    """
+    if settings.merge is not None and not settings.merge >= 0:
+        raise ValueError(f"--merge must be >= 0, how far values may be apart that count as one; got {settings.merge}")
+    model = settings.model_of_regions()
+    outputs = settings.outputs(target)
+    _expect_apart(source, outputs, settings)
+    picture = read_picture(source, settings.axes)
+    cells = picture.axes.replace("C", "")
+    _check_destinations(outputs, picture)
+    layout = layout_of(picture, source, settings.each, settings.spacing)
+    inside, nans, masked = inside_of(picture, source, settings.mask)
+    slices = layout.turned(picture.pixels, picture.axes)
+    kept = None if inside is None else layout.turned(inside, cells)
+    markers = None if settings.markers is None else _markers(picture, source, settings.markers, layout)
+    arrays: dict[str, list[npt.NDArray[Any]]] = {option: [] for option in outputs}
+    errors, runs, count = Errors(), [], 0
+    with progress_bar(progress and len(slices) > 1, len(slices), "slices") as done:
+        for i, part in enumerate(slices):
+            done(i)
+            mask = None if kept is None or kept[i].all() else kept[i]
+            if mask is not None and not mask.any():
+                parts = _untouched(part, mask.shape)
+            else:
+                regions = simplify_image(
+                    part,
+                    sources=settings.sources if markers is None else markers[i],
+                    mask=mask,
+                    spacing=layout.spacing,
+                    channel_axis=None if picture.channel_axis is None else -1,
+                    progress=progress and len(slices) == 1,
+                    **model,
+                )
+                found = regions if settings.merge is None else regions.merged(settings.merge)
+                value = found.value
+                errors.add(part, regions.fine, value, mask)
+                runs.append(run_of(regions, found))
+                parts = _parts(regions, found, value, count)
+                count += found.n_regions
+            for option, made in arrays.items():
+                made.append(parts[option]())
+        done(len(slices))
+    write_pictures({path: _picture(option, arrays[option], picture, layout) for option, path in outputs.items()})
+    asked = {name: getattr(settings, name) for name in ("sources", "model", "metric", "compactness")}
+    asked |= {name: getattr(settings, name) for name in ("p", "lam", "norm", "rings", "by_size")}
+    asked |= {"weights": settings.kind, "smooth_given": settings.smooth is not None}
+    if settings.markers is not None:
+        asked["sources"] = str(settings.markers)
+    for name in ("h", "sigma_space", "sigma_value", "merge"):
+        if getattr(settings, name) is not None:
+            asked[name] = getattr(settings, name)
+    report = report_of(runs, errors, source, target, picture, asked, through=layout.several)
+    if layout.spacing is not None:
+        report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
+    if settings.mask is not None:
+        report |= {"mask": str(settings.mask), "outside_mask": masked}
+    if nans:
+        report["nan"] = nans
+    report |= {option.lstrip("-").replace("-", "_"): str(path) for option, path in outputs.items() if option != "OUT"}
+    return report
+
+
+def _expect_apart(source: Path, outputs: dict[str, Path], settings: Simplification) -> None:
+    """Refuse two outputs in one file, and one that overwrites what is read; only OUT may be IN."""
+    known: dict[Path, str] = {}
+    for option, path in outputs.items():
+        place = Path(os.path.realpath(path))
+        if place in known:
+            raise ValueError(f"{known[place]} and {option} would both be written to {path}; give each its own file")
+        known[place] = option
+    read = [beside(path, source) for path in (settings.mask, settings.markers) if path is not None]
+    for option, path in outputs.items():
+        for other in read if option == "OUT" else [source, *read]:
+            if os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other):
+                raise ValueError(f"{option} {path} would overwrite {other}, which is read; give another file")
+
+
+def _check_destinations(outputs: dict[str, Path], picture: Picture) -> None:
+    for option, path in outputs.items():
+        like = picture
+        if option in _ON_CELLS:
+            shape = (*picture.cells, 3) if option == "--random-colours" else picture.cells
+            like = _on_cells(np.broadcast_to(np.uint8(0), shape), picture)
+        check_destination(path, like)
+        if option == "--labels" and FORMATS[path.suffix.lower()] != "TIFF":
+            raise PictureError(f"{path}: labels are written as TIFF, whatever their number; name the file .tif")
+
+
+def _markers(picture: Picture, source: Path, path: Path, layout: Layout) -> npt.NDArray[np.int32]:
+    """The slices of a picture of markers, numbered from 0 in each, -1 where there is none."""
+    path = beside(path, source)
+    drawn = read_picture(path, labels=True)
+    if drawn.channel_axis is not None:
+        raise PictureError(f"the markers {path} have {drawn.channels} channels; give a grey picture, a number each")
+    if drawn.pixels.shape != picture.cells:
+        raise PictureError(f"the markers {path} have the shape {drawn.pixels.shape}, {source} has {picture.cells}")
+    wrong = ~(drawn.pixels >= 0)
+    if drawn.pixels.dtype.kind == "f":
+        wrong |= ~np.isfinite(drawn.pixels) | (drawn.pixels != np.floor(drawn.pixels))
+    if wrong.any():
+        raise PictureError(
+            f"the markers {path} must be whole numbers, 0 where there is none; got {drawn.pixels[wrong][0]:g}"
+        )
+    slices = layout.turned(drawn.pixels, picture.axes.replace("C", ""))
+    numbered = np.full(slices.shape, -1, np.int32)
+    for i, part in enumerate(slices):
+        marked = part > 0
+        if not marked.any():
+            where = f" in slice {i + 1} of {len(slices)} along {layout.several}" if layout.several else ""
+            raise PictureError(f"the markers {path} are all 0{where}: give a pixel of each source a number above 0")
+        numbered[i][marked] = np.unique(part[marked], return_inverse=True)[1]
+    return numbered
+
+
+def _parts(
+    regions: Regions, found: Regions, value: npt.NDArray[Any], first: int
+) -> dict[str, Callable[[], npt.NDArray[Any]]]:
+    """What may be written of a slice, `first` the number of its first region: a region of one is none of the next."""
+    return {
+        "OUT": lambda: value,
+        "--labels": lambda: np.where(found.labels >= 0, found.labels.astype(np.int64) + first, -1),
+        "--random-colours": found.random_colours,
+        "--fine": lambda: regions.fine,
+    }
+
+
+def _untouched(part: npt.NDArray[Any], shape: tuple[int, ...]) -> dict[str, Callable[[], npt.NDArray[Any]]]:
+    """What may be written of a slice in which no pixel takes part."""
+    return {
+        "OUT": lambda: part,
+        "--labels": lambda: np.full(shape, -1),
+        "--random-colours": lambda: np.zeros((*shape, 3), np.uint8),
+        "--fine": lambda: part,
+    }
+
+
+def _picture(option: str, slices: list[npt.NDArray[Any]], picture: Picture, layout: Layout) -> Picture:
+    """What is written where `option` says."""
+    if option not in _ON_CELLS:
+        return replace(picture, pixels=layout.turned_back(slices, picture.axes))
+    cells = picture.axes.replace("C", "")
+    if option == "--random-colours":
+        return _on_cells(layout.turned_back(slices, f"{cells}C"), picture)
+    return _on_cells(_label_type(layout.turned_back(slices, cells)), picture)
+
+
+def _on_cells(array: npt.NDArray[Any], picture: Picture) -> Picture:
+    """Labels or colours on the cells of a picture, with its axes and sizes and none of its looks."""
+    cells, tags = picture.axes.replace("C", ""), picture.tags
+    words = {name: word for name, word in tags.words.items() if name.startswith(_SIZES)}
+    plain = Tags(tags.kind, tags.named, True, words, tags.resolution, tags.sizes)
+    return Picture(array, axes=cells if array.ndim == len(cells) else f"{cells}C", tags=plain)
+
+
+def _label_type(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Labels in the smaller of two types that holds them all; of these ImageJ knows the first."""
+    fits = labels.min() >= 0 and labels.max() <= np.iinfo(np.uint16).max
+    return labels.astype(np.uint16 if fits else np.int32)
