@@ -10,7 +10,7 @@ import pytest
 from cases import irregular, rng
 
 import gpureg as gr
-from gpureg.cli import denoise
+from gpureg.cli import denoise, simplify
 
 README = Path(__file__).parent.parent / "README.md"
 MATHEMATICS = README.parent / "docs" / "mathematics.md"
@@ -80,6 +80,11 @@ def test_console_examples_name_options_that_exist() -> None:
     known = {option for parameter in denoise.params for option in parameter.opts}
     calls = re.findall(r"^\$ gpureg denoise (.*)$", README.read_text("utf-8"), re.M)
     assert len(calls) == 5
+    for call in calls:
+        assert set(re.findall(r"--[a-z-]+", call)) <= known, call
+    known = {option for parameter in simplify.params for option in parameter.opts}
+    calls = re.findall(r"^\$ gpureg simplify (.*)$", README.read_text("utf-8"), re.M)
+    assert len(calls) == 2
     for call in calls:
         assert set(re.findall(r"--[a-z-]+", call)) <= known, call
 
