@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from . import filters, growth, iterations, meshes, solvers
+from . import filters, growth, iterations, meshes, regions, solvers
 from .model import Case, Setup
 
 # A function may yield cases of several names: all of them are in its key.
@@ -23,6 +23,10 @@ CASES: dict[tuple[str, ...], Callable[[Setup], Iterator[Case]]] = {
     ("certified-tv",): solvers.total_variation,
     ("certified-linear",): solvers.linear,
     ("accelerated-sweeps",): solvers.acceleration,
+    ("simplify",): regions.chain,
+    ("region-graph",): regions.graph_of_labels,
+    ("simplify-speed-up",): regions.speed_up,
+    ("growth-simplify",): regions.growth,
     ("growth-iteration",): growth.sweep_growth,
     ("growth-nlm",): growth.nlm_growth,
 }
