@@ -20,10 +20,11 @@ from .plan import DenoisePlan
 from .planning import plan_denoising
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
-from .regions import Regions, simplify_image
+from .regions import Regions
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
+from .simplify import simplify_image
 from .solvers import Certified, Check, Euler, Jacobi
 
 __version__ = "0.1.0"

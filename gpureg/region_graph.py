@@ -40,19 +40,17 @@ class RegionGraph(Graph):
     labels: IntArray | None = None
 
     def __post_init__(self) -> None:
+        given = np.array(self.indices)
         super().__post_init__()
-        n, e = self.n_vertices, self.n_edges
-        given: tuple[tuple[str, npt.DTypeLike, int], ...] = (
-            ("sizes", np.float64, n),
-            ("borders", np.float64, e),
-            ("labels", np.int64, n),
-        )
-        for name, kind, length in given:
+        if self.borders is not None and not np.array_equal(given, self.indices):
+            raise ValueError("indices must rise within each row where borders are given in their order")
+        n = self.n_vertices
+        usual = {"sizes": np.ones(n), "borders": np.zeros(self.n_edges), "labels": np.arange(n)}
+        for name, default in usual.items():
             values = getattr(self, name)
-            array = (np.ones if name == "sizes" else np.zeros)(length) if values is None else values
-            array = np.arange(n) if name == "labels" and values is None else np.array(array, kind)
-            if array.shape != (length,):
-                raise ValueError(f"{name} must have shape ({length},), got {array.shape}")
+            array = default if values is None else np.array(values, default.dtype)
+            if array.shape != default.shape:
+                raise ValueError(f"{name} must have shape {default.shape}, got {array.shape}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 

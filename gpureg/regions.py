@@ -1,42 +1,28 @@
-"""The door to image simplification: :func:`simplify_image` and :class:`Regions` (section 5.2, Fig. 4)."""
+"""An image as regions: :class:`Regions`, which are regularized, joined, and painted back (section 5.2)."""
 
 from __future__ import annotations
 
 import itertools
 import os
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from . import sources
-from .graph import FloatArray, GridGraph, Metric, checked_spacing
-from .partition import energy_partition
-from .pixels import as_image, checked, filled
+from .graph import FloatArray
+from .pixels import as_image
 from .region_graph import RegionGraph, region_graph
-from .region_values import MODELS, Model, region_values
+from .region_values import Model, region_values
 from .regularization import regularize
 from .result import Interrupted, Result
-from .solvers import Solver
-from .solvers.loop import Callback
 from .weights import Weights, patch
 
 Labels = npt.NDArray[np.int32]
-SourceKind = Literal["extrema", "gradient"]
 WeightKind = Literal["similarity", "constant", "border"]
-SOURCES: tuple[SourceKind, ...] = ("extrema", "gradient")
 WEIGHTS: tuple[WeightKind, ...] = ("similarity", "constant", "border")
-
-# Standard deviations that are tried, in pixels, and the share of regions that is few enough: the paper's 90 percent.
-SMOOTHING = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0)
-ENOUGH = 0.1
-
-# A smoothed copy is rounded to 2^-16 of its range, so that what was flat has no extrema of rounding errors.
-_SMOOTH_BITS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +219,7 @@ class Regions:
         joined = number[part]
         labels: Labels = np.append(joined, np.int32(-1))[self.labels]
         seeds = None if self._seeds is None else np.append(joined, np.int32(-1))[self._seeds]
-        models = _models(self.image, self.channel_axis, labels, self.model, seeds, len(first))
+        models = models_of(self.image, self.channel_axis, labels, self.model, seeds, len(first))
         mass = np.bincount(joined, graph.sizes)
         values = np.stack([np.bincount(joined, graph.sizes * v) / mass for v in self.values.T], axis=1)
         coarse = region_graph(labels, **self._settings)
@@ -304,210 +290,7 @@ class Regions:
         )
 
 
-def simplify_image(
-    image: npt.ArrayLike,
-    *,
-    p: float = 2.0,
-    lam: float = 0.05,
-    max_iter: int | None = 30,
-    tol: float | None = None,
-    weights: WeightKind | Weights | npt.ArrayLike = "similarity",
-    h: float | None = None,
-    norm: str = "vertex",
-    gamma: str | npt.ArrayLike = "sqrt",
-    coupled: bool = True,
-    by_size: bool = False,
-    rings: int = 1,
-    sources: SourceKind | int | npt.ArrayLike = "extrema",
-    smooth: float | None = None,
-    model: Model = "mean",
-    metric: Metric = "cityblock",
-    compactness: float = 0.0,
-    merge: float | None = None,
-    mask: npt.ArrayLike | None = None,
-    spacing: Sequence[float] | None = None,
-    channel_axis: int | None = None,
-    solver: str | Solver = "jacobi",
-    eps: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-) -> Regions:
-    """Simplify an image or a volume: cut it into zones around its extrema, and regularize these instead of pixels.
-
-    Parameters
-    ----------
-    image : array
-        Two or more axes, besides the channels. Values are used as they come, never rescaled.
-    p, lam, max_iter, tol, norm, gamma, coupled, solver, eps, backend, dtype, callback, progress
-        As in :func:`gpureg.regularize`, for the functions on the regions; ``max_iter=0`` leaves the fine partition.
-    weights, h, by_size
-        As in :meth:`Regions.regularized`.
-    rings : int, default 1
-        Regions so many steps apart are neighbours too.
-    sources : {"extrema", "gradient"}, int or array, default "extrema"
-        Where zones grow from: the regional extrema of the intensity (the mean of the channels), the regional minima of
-        the gradient's norm, a grid of seeds so many pixels apart, or markers: labels 0..k-1 at the pixels of the
-        sources, -1 elsewhere.
-    smooth : float, optional
-        Standard deviation, in pixels, of a Gaussian through which sources and partition see the image; the models are
-        always of the image itself. None: for extrema and gradient the first of 0, 0.5, 0.75, 1, 1.5 and 2 that leaves
-        one region to ten pixels or fewer, which `Regions.smooth` tells; otherwise 0.
-    model : {"mean", "median", "source"}, default "mean"
-        What a region is painted with.
-    metric : {"cityblock", "chebyshev"}, default "cityblock"
-        Pixels are neighbours across edges (the paper's G_0), or corners too (G_1).
-    compactness : float, default 0
-        As in :func:`gpureg.energy_partition`: larger makes rounder zones.
-    merge : float, optional
-        Join regions whose regularized values are at most so far apart (:meth:`Regions.merged`).
-    mask : bool array, optional
-        True where a pixel takes part. The others are in no region, and come back as they are.
-    spacing : sequence of float, optional
-        Size of a pixel along each axis, for borders, sizes and centroids; None means 1.
-    channel_axis : int, optional
-        The axis of the channels; None for a grey image.
-
-    Returns
-    -------
-    Regions
-        Its `value` is the simplified image, `fine` the one before regularization, `labels` the partition, `graph` the
-        region adjacency graph.
-
-    Raises
-    ------
-    ValueError, TypeError
-        An argument out of its range, or values that are not real and finite.
-    BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`gpureg.regularize`.
-
-    Notes
-    -----
-    Section 5.2: the energy partition of the extrema, one model for each zone, and the process of eq. 25 on the region
-    adjacency graph. ``lam=0`` with p = 2, "similarity" and 30 iterations is Fig. 4.
-
-    Examples
-    --------
-    >>> import numpy as np, gpureg as gr
-    >>> image = np.kron([[20, 180], [180, 20]], np.ones((16, 16))).astype(np.uint8)
-    >>> found = gr.simplify_image(image, backend="numpy")
-    >>> found
-    Regions(4 regions on (32, 32), 4 borders)
-    >>> bool((found.fine == image).all()), round(found.percent, 2)
-    (True, 0.39)
-    """
-    array = checked(image, channel_axis, mask)
-    inside = None if mask is None else np.asarray(mask)
-    if inside is not None and not inside.any():
-        raise ValueError("the mask leaves no pixel: True is where one takes part")
-    if model not in MODELS:
-        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    grid = GridGraph(cells.shape[:-1], 1, metric, mask=inside)
-    checked_spacing(spacing, grid.ndim)
-    seconds: dict[str, float] = {}
-    with _timed(seconds, "sources"):
-        seen, seeds, sigma = _seen(cells, grid, sources, smooth, backend)
-    with _timed(seconds, "partition"):
-        labels = energy_partition(seen, grid, seeds, compactness=compactness, backend=backend)
-    if inside is not None and (labels[inside] < 0).any():
-        raise ValueError("the markers reach only a part of the mask: give each of its pieces a marker")
-    with _timed(seconds, "graph"):
-        adjacency: dict[str, Any] = {"metric": metric, "spacing": spacing, "rings": rings}
-        graph = region_graph(labels, **adjacency)
-    if graph.n_vertices != int(labels.max()) + 1:
-        raise ValueError(f"markers must be numbered 0..k-1, {int(labels.max()) + 1 - graph.n_vertices} are missing")
-    with _timed(seconds, "models"):
-        kept = seeds if model == "source" else None
-        models = _models(array, channel_axis, labels, model, kept, graph.n_vertices)
-    fine = Regions(
-        array,
-        labels,
-        graph,
-        models,
-        models,
-        model,
-        sigma,
-        channel_axis,
-        None,
-        seconds,
-        _seeds=kept,
-        _settings=adjacency,
-    )
-    found = fine.regularized(
-        p=p,
-        lam=lam,
-        weights=weights,
-        h=h,
-        by_size=by_size,
-        max_iter=max_iter,
-        tol=tol,
-        norm=norm,
-        gamma=gamma,
-        coupled=coupled,
-        solver=solver,
-        eps=eps,
-        backend=backend,
-        dtype=dtype,
-        callback=callback,
-        progress=progress,
-    )
-    return found if merge is None else found.merged(merge)
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    begin = time.perf_counter()
-    yield
-    seconds[stage] = time.perf_counter() - begin
-
-
-def _seen(
-    cells: npt.NDArray[Any],
-    grid: GridGraph,
-    given: SourceKind | int | npt.ArrayLike,
-    smooth: float | None,
-    backend: str,
-) -> tuple[npt.NDArray[Any], Labels, float]:
-    """What the partition looks at, the sources in it, and the standard deviation of the smoothing."""
-    if smooth is not None and not (isinstance(smooth, int | float | np.integer | np.floating) and 0 <= smooth < np.inf):
-        raise ValueError(f"smooth must be a number >= 0, or None, got {smooth!r}")
-    if isinstance(given, str):
-        if given not in SOURCES:
-            raise ValueError(f"sources must be one of {', '.join(SOURCES)}, an integer or an array, got {given!r}")
-        find = sources.extrema if given == "extrema" else sources.gradient_minima
-        pixels = int(grid.n_vertices if grid.mask is None else grid.mask.sum())
-        for sigma in SMOOTHING if smooth is None else (float(smooth),):
-            seen = _smoothed(cells, grid, sigma)
-            seeds = find(seen, grid, backend=backend)
-            if int(seeds.max()) + 1 <= ENOUGH * pixels:
-                break
-        return seen, seeds, sigma
-    sigma = 0.0 if smooth is None else float(smooth)
-    seeds = sources.seeds(grid, int(given)) if isinstance(given, int | np.integer) else np.asarray(given)
-    return _smoothed(cells, grid, sigma), seeds, sigma
-
-
-def _smoothed(cells: npt.NDArray[Any], grid: GridGraph, sigma: float) -> npt.NDArray[Any]:
-    """The image through a Gaussian, in float64; pixels outside the mask count as the nearest inside."""
-    if sigma == 0:
-        return cells
-    from scipy import ndimage
-
-    values = cells.astype(np.float64)
-    if grid.mask is not None and not grid.mask.all():
-        values = filled(values, grid.mask)
-    values = ndimage.gaussian_filter(values, (sigma,) * grid.ndim + (0.0,))
-    spread = float(np.ptp(values))
-    if spread == 0:
-        return values
-    unit = 2.0 ** (np.frexp(spread)[1] - _SMOOTH_BITS)
-    rounded: npt.NDArray[Any] = np.rint(values / unit) * unit
-    return rounded
-
-
-def _models(
+def models_of(
     array: npt.NDArray[Any],
     channel_axis: int | None,
     labels: Labels,

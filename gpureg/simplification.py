@@ -18,8 +18,9 @@ from .layout import Layout, beside, inside_of, layout_of
 from .picture import Tags
 from .problem import Norm
 from .region_values import Model
-from .regions import Regions, SourceKind, WeightKind, simplify_image
+from .regions import Regions, WeightKind
 from .simplification_report import Errors, report_of, run_of
+from .simplify import SourceKind, simplify_image
 from .solvers.loop import progress_bar
 from .weights import Weights
 

@@ -63,6 +63,7 @@ FLOORS: dict[str, float] = {
     "curve": 5,
     "points": 5,
     "regions": 5.52,
+    "simplify": 5.53,
     "plot": 5.5,
     "report": 5.5,
     "settings": 5.55,

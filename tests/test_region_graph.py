@@ -157,6 +157,8 @@ def test_it_is_a_graph():
         rag.distances([1.0])
     with pytest.raises(ValueError, match=r"sizes must have shape \(2,\)"):
         gr.RegionGraph([0, 1, 2], [1, 0], sizes=[1.0])
+    with pytest.raises(ValueError, match="indices must rise within each row"):
+        gr.RegionGraph([0, 2, 3, 4], [2, 1, 0, 0], borders=[1.0, 2.0, 2.0, 1.0])
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,8 @@ class OpenCLZones(OpenCLGraph, Zones):
         block, line = blocks(graph, None if gpu else int(self.device.handle.max_compute_units))
         items = -(-n // block)
         local = min(_GPU_GROUP, int(self.device.handle.max_work_group_size)) if gpu else 1
-        here, there = ([self.upload(mu.astype(np.int64)), self.upload(tag.astype(np.int64))] for _ in range(2))
+        here = [self.upload(x.astype(np.int64, copy=False)) for x in (mu, tag)]
+        there = [self._allocate(8 * n), self._allocate(8 * n)]
         changed, heap = self._allocate(4 * items), self._allocate(4 * (1 if gpu else n))
         place = self.upload(np.zeros(1 if gpu else n, np.int32))
         reach = n  # in the first round; then as far as edges reach

@@ -37,7 +37,8 @@ class WarpZones(WarpGraph, Zones):
         zones.block, zones.line = blocks(graph, cores() if cpu else None)
         zones.reach, zones.hop = n, hop  # in the first round all; then as far as edges reach
         items = -(-n // zones.block)
-        here, there = ([self.upload(x, wp.int64) for x in (mu, tag)] for _ in range(2))
+        here = [self.upload(x, wp.int64) for x in (mu, tag)]
+        there = [wp.empty(n, dtype=wp.int64, device=self._on) for _ in range(2)]
         changed = wp.zeros(items, dtype=wp.int32, device=self._on)
         zones.place, zones.heap = (wp.zeros(n if cpu else 1, dtype=wp.int32, device=self._on) for _ in range(2))
         options = (isinstance(graph, GridGraph),)

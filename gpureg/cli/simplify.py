@@ -13,10 +13,11 @@ from ..picture import checked_axes
 from ..problem import NORMS
 from ..region_graph import METRICS
 from ..region_values import MODELS
-from ..regions import SOURCES, WEIGHTS
+from ..regions import WEIGHTS
 from ..settings import as_spacing
 from ..simplification import Simplification, simplify_file
 from ..simplification_report import as_lines
+from ..simplify import SOURCES
 from . import options
 from .group import sentences
 from .options import FILE
