@@ -35,8 +35,8 @@ def _picture(setup: Setup, side: int) -> tuple[Image, str]:
     return np.clip(np.rint(clean), 0, 255).astype(np.uint8), name
 
 
-def _simplify(device: str, image: Image, **settings: Any) -> gr.Regions:
-    return gr.simplify_image(image, p=2, lam=0, max_iter=ITERATIONS, backend=device, **settings)
+def _simplify(device: str, image: Image) -> gr.Regions:
+    return gr.simplify_image(image, p=2, lam=0, max_iter=ITERATIONS, backend=device)
 
 
 def _same(found: gr.Regions, image: Image) -> tuple[bool, str]:

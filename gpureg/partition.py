@@ -16,6 +16,8 @@ from .graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray, all_finite,
 # A difference is counted in units of 2^-24 of the data's range: to the last bit of float32, and exactly where the data
 # are integers of up to 24 bits.
 _BITS = 24
+# The power of two of the least number of float64.
+_LEAST = -1074
 
 # Cells of a grid whose lengths are computed at a time.
 _BAND = 1 << 18
@@ -167,9 +169,12 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     """The variation of f, (n, m), along each edge as whole units, and the unit, a power of two."""
     inside = graph.mask.reshape(-1) if isinstance(graph, GridGraph) and graph.mask is not None else slice(None)
     part = f[inside]
-    spread = (part.max(axis=0) - part.min(axis=0)).astype(np.float64) if len(part) else np.zeros(1)
-    reach = float(np.sqrt((spread**2).sum()))
-    unit = 2.0 ** (math.frexp(reach)[1] - _BITS) if reach > 0 else 1.0
+    with np.errstate(over="ignore"):
+        spread = part.max(axis=0).astype(np.float64) - part.min(axis=0) if len(part) else np.zeros(1)
+    reach = math.hypot(*spread.tolist())
+    if math.isinf(reach):
+        raise ValueError(f"the range of f must be below {np.finfo(np.float64).max:.2g}: scale it")
+    unit = 2.0 ** max(math.frexp(reach)[1] - _BITS, _LEAST) if reach > 0 else 1.0
     if compactness / unit > LONGEST / 2:
         raise ValueError(
             f"compactness must be at most {LONGEST // 2 * unit:g}, 32 times the range of f, got {compactness:g}"
@@ -177,9 +182,9 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     toll = round(compactness / unit)
 
     def length(u: FloatArray, v: FloatArray) -> Lengths:
-        d = v.astype(np.float64) - u
+        d = (v.astype(np.float64) - u) / unit
         variation = np.abs(d[:, 0]) if d.shape[1] == 1 else np.sqrt((d**2).sum(axis=1))
-        along: Lengths = np.rint(variation / unit).astype(np.int32)
+        along: Lengths = np.rint(variation).astype(np.int32)
         return along + np.int32(toll)
 
     return along_edges(f, graph, length), unit

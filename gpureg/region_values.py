@@ -65,8 +65,9 @@ def region_values(
     if (model == "source") != (sources is not None):
         raise ValueError("sources go with model='source', and that needs them")
     if sources is not None:
-        zones = _labels(unmasked(sources, "sources"), "sources")
-        if len(zones) != given.size:
+        marked = unmasked(sources, "sources")
+        zones = _labels(marked, "sources")
+        if marked.shape != shape:
             raise ValueError(f"sources must have the shape of labels, {shape}")
     k = int(zones.max(initial=-1)) + 1 if n_regions is None else n_regions
     if zones.max(initial=-1) >= k:
@@ -112,7 +113,8 @@ def _medians(cells: npt.NDArray[Any], zones: IntArray, counts: IntArray) -> Floa
 
 def _by_region(channel: npt.NDArray[Any], zones: IntArray) -> npt.NDArray[Any]:
     """The values of one region after another, sorted in each."""
-    narrow = channel.astype(np.float32)
+    with np.errstate(over="ignore"):
+        narrow = channel.astype(np.float32)
     if np.array_equal(narrow, channel) and zones.max(initial=0) < 2**31:
         # Label and value in one number, which sorts several times faster than two: the bits of a float rise with it if
         # those of a negative one are turned round, and -0 is 0.

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .backends.zones import Labels
 from .graph import FloatArray
 from .pixels import as_image
 from .region_graph import RegionGraph, region_graph
@@ -20,7 +21,6 @@ from .regularization import regularize
 from .result import Interrupted, Result
 from .weights import Weights, patch
 
-Labels = npt.NDArray[np.int32]
 WeightKind = Literal["similarity", "constant", "border"]
 WEIGHTS: tuple[WeightKind, ...] = ("similarity", "constant", "border")
 
@@ -323,6 +323,8 @@ def _weights(
             return patch(0, h)
         typical = 2 * float(np.median(graph.distances(models)))
         return patch(0, typical) if typical > 0 else None
+    if not (isinstance(p, int | float | np.integer | np.floating) and p > 0):
+        return None  # regularize says what p must be
     assert graph.borders is not None
     with np.errstate(over="ignore"):
         lengths = graph.borders ** (2 / p)

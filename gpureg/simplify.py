@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from . import sources as found_sources
+from .backends.zones import Labels
 from .graph import GridGraph, Metric, checked_spacing
 from .partition import energy_partition
 from .pixels import checked, filled
 from .region_graph import region_graph
 from .region_values import MODELS, Model
-from .regions import Labels, Regions, WeightKind, models_of
+from .regions import Regions, WeightKind, models_of
 from .solvers import Solver
 from .solvers.loop import Callback
 from .weights import Weights
@@ -213,7 +214,8 @@ def _seen(
                 break
         return seen, seeds, sigma
     sigma = 0.0 if smooth is None else float(smooth)
-    seeds = found_sources.seeds(grid, int(given)) if isinstance(given, int | np.integer) else np.asarray(given)
+    step = isinstance(given, int | np.integer) and not isinstance(given, bool)
+    seeds = found_sources.seeds(grid, int(given)) if step else np.asarray(given)  # type: ignore[arg-type]
     return _smoothed(cells, grid, sigma), seeds, sigma
 
 

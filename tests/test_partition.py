@@ -187,7 +187,7 @@ def test_any_grid(seed):
         shape, float(random.choice([1, 1.5, 2])), str(random.choice(["chebyshev", "cityblock"])), mask=mask
     )
     f = random.integers(0, random.choice([1, 2, 9, 10**6]), (grid.n_vertices, random.integers(1, 4))).astype(float)
-    f *= random.choice([1.0, 0.1, 1e-30, 1e30])
+    f *= random.choice([1.0, 0.1, 1e-30, 1e30, 5e-324, 1e300])
     sources = some_sources(grid, random.integers(1, 12), seed)
     toll = float(random.choice([0, 0.01])) * float(np.ptp(f)) if len(f) else 0.0
     best = gr.energy_partition(f, grid, sources, compactness=toll, return_energy=True)
@@ -236,6 +236,7 @@ def test_differences_are_exact_up_to_24_bits_of_the_range():
         (np.zeros(6), [2**31] * 6, {}, "got 2147483648"),
         (np.zeros(5), [0] * 6, {}, r"for each of 6 vertices, got shape \(5,\)"),
         (np.zeros((6, 0)), [0] * 6, {}, "one row of channels"),
+        (np.array([1e308, -1e308, 0, 0, 0, 0]), [0] * 6, {}, "the range of f must be below"),
         (np.full(6, np.nan), [0] * 6, {}, "f must be finite"),
         (np.zeros(6, complex), [0] * 6, {}, "integers or real numbers, got complex128"),
         (np.arange(6), [0] * 6, {"compactness": -1}, "compactness must be a number >= 0, got -1"),

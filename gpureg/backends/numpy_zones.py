@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graph import AnyGraph, Graph, IntArray
-from .zones import Distances, Labels, Lengths, Zones
+from .zones import Distances, Labels, Lengths, Zones, forward_jumps
 
 
 def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Lengths]:
@@ -17,9 +17,8 @@ def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Le
     if isinstance(graph, Graph):
         there = lengths >= 0
         return graph.edge_rows()[there], graph.indices[there].astype(np.int64), lengths[there]
-    strides = np.array([int(np.prod(graph.shape[d + 1 :], dtype=np.int64)) for d in range(graph.ndim)], np.int64)
     starts, ends, along = [], [], []
-    for h, jump in enumerate(graph.forward_offsets @ strides):
+    for h, jump in enumerate(forward_jumps(graph)):
         u = np.flatnonzero(lengths[:, h] >= 0)
         starts += [u, u + jump]
         ends += [u + jump, u]

@@ -5,31 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..graph import AnyGraph, GridGraph
 from .opencl_graph import OpenCLGraph
 from .opencl_layout import CsrLayout, round_up
-from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
+from .zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
 
 _GPU_GROUP = 64
 
 
-class OpenCLZones(OpenCLGraph, Zones):
-    """Zones by rounds of ``influence_zones.cl``, until one changes nothing."""
-
-    def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
-        return found(*self._settled(graph, lengths, *start(sources), HOP))
-
-    def flat_zones(self, graph: AnyGraph, lengths: Lengths) -> Labels:
-        n = graph.n_vertices
-        flat: Lengths = np.where(lengths == 0, lengths, np.int32(-1))
-        return found(*self._settled(graph, flat, np.zeros(n, np.int64), np.arange(n), 0))[1]
+class OpenCLZones(OpenCLGraph, Rounds):
+    """Rounds of ``influence_zones.cl``."""
 
     def _settled(
-        self, graph: AnyGraph, lengths: Lengths, mu: npt.NDArray[Any], tag: npt.NDArray[Any], hop: int
+        self, graph: AnyGraph, lengths: Lengths, mu: Distances, tag: Distances, hop: int
     ) -> tuple[Distances, Distances]:
-        """Distances and tags that no round changes any more."""
         gpu, n = self.device.kind == "gpu", graph.n_vertices
         edges, options, far = self._edges(graph, lengths)
         block, line = blocks(graph, None if gpu else int(self.device.handle.max_compute_units))

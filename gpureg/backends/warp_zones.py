@@ -11,27 +11,18 @@ from ..graph import AnyGraph, GridGraph
 from ..kernels.warp import influence_zones
 from .warp_graph import WarpGraph, cores
 from .warp_layout import Csr
-from .zones import HOP, ROUNDS, Distances, Labels, Lengths, Zones, blocks, found, guarded, start
+from .zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
 
 # Reads of a vertex in a round, about: what a launch is worth cutting up for.
 _READS = 32
 
 
-class WarpZones(WarpGraph, Zones):
-    """Zones by rounds of ``influence_zones.py``, until one changes nothing."""
-
-    def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
-        return found(*self._settled(graph, lengths, *start(sources), HOP))
-
-    def flat_zones(self, graph: AnyGraph, lengths: Lengths) -> Labels:
-        n = graph.n_vertices
-        flat: Lengths = np.where(lengths == 0, lengths, np.int32(-1))
-        return found(*self._settled(graph, flat, np.zeros(n, np.int64), np.arange(n), 0))[1]
+class WarpZones(WarpGraph, Rounds):
+    """Rounds of ``influence_zones.py``."""
 
     def _settled(
         self, graph: AnyGraph, lengths: Lengths, mu: Distances, tag: Distances, hop: int
     ) -> tuple[Distances, Distances]:
-        """Distances and tags that no round changes any more."""
         cpu, n = self._on.is_cpu, graph.n_vertices
         zones, far = self._zones(graph, lengths)
         zones.block, zones.line = blocks(graph, cores() if cpu else None)
@@ -63,10 +54,8 @@ class WarpZones(WarpGraph, Zones):
                     f"the grid has {padded.size} edges, a Warp array holds less than 2^31: use another backend"
                 )
             zones.H, zones.guard = graph.half_window, guard
-            zones.jumps, zones.lengths = (
-                self.upload(jumps.astype(np.int32), wp.int32),
-                self.upload(padded.reshape(-1), wp.int32),
-            )
+            zones.jumps = self.upload(jumps.astype(np.int32), wp.int32)
+            zones.lengths = self.upload(padded.reshape(-1), wp.int32)
             return zones, guard
         layout = self._layout(graph)
         assert isinstance(layout, Csr)

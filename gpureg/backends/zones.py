@@ -5,6 +5,7 @@ Distances are sums of integer lengths, so that no device rounds and all give the
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 
 import numpy as np
@@ -62,23 +63,46 @@ def blocks(graph: AnyGraph, cores: int | None) -> tuple[int, int]:
     return block, line
 
 
-def start(sources: Labels) -> tuple[Distances, Distances]:
-    """Distances and tags before the first round."""
-    source = sources >= 0
-    return np.where(source, 0, FAR), np.where(source, sources, FAR)
+class Rounds(Zones):
+    """Zones by rounds of the kernel ``influence_zones``, until one changes nothing."""
+
+    @abstractmethod
+    def _settled(
+        self, graph: AnyGraph, lengths: Lengths, mu: Distances, tag: Distances, hop: int
+    ) -> tuple[Distances, Distances]:
+        """Distances and tags that no round changes any more, from these."""
+
+    def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
+        """As :class:`Zones` says."""
+        source = sources >= 0
+        start = np.where(source, 0, FAR), np.where(source, sources, FAR)
+        mu, tag = self._settled(graph, lengths, *start, HOP)
+        reached = mu < FAR
+        return np.where(reached, mu, -1), np.where(reached, _label(tag), np.int32(-1))
+
+    def flat_zones(self, graph: AnyGraph, lengths: Lengths) -> Labels:
+        """As :class:`Zones` says."""
+        n = graph.n_vertices
+        flat: Lengths = np.where(lengths == 0, lengths, np.int32(-1))
+        # every vertex a source, and no edge counts: the smallest label wins
+        return _label(self._settled(graph, flat, np.zeros(n, np.int64), np.arange(n), 0)[1])
 
 
-def found(mu: Distances, tag: Distances) -> tuple[Distances, Labels]:
-    """Distances and labels after the last round."""
-    reached = mu < FAR
-    labels: Labels = np.where(reached, tag & (HOP - 1), -1).astype(np.int32)
-    return np.where(reached, mu, -1), labels
+def _label(tag: Distances) -> Labels:
+    labels: Labels = (tag & (HOP - 1)).astype(np.int32)
+    return labels
+
+
+def forward_jumps(graph: GridGraph) -> npt.NDArray[np.int64]:
+    """Steps from a vertex's number to those of its forward neighbours, (K/2,)."""
+    strides = np.array([math.prod(graph.shape[d + 1 :]) for d in range(graph.ndim)], np.int64)
+    jumps: npt.NDArray[np.int64] = graph.forward_offsets @ strides
+    return jumps
 
 
 def guarded(graph: GridGraph, lengths: Lengths) -> tuple[int, npt.NDArray[np.int64], Lengths]:
     """The largest jump to a forward neighbour, all of them, and the lengths with so many rows of -1 before them."""
-    strides = np.array([int(np.prod(graph.shape[d + 1 :], dtype=np.int64)) for d in range(graph.ndim)], np.int64)
-    jumps = graph.forward_offsets @ strides
+    jumps = forward_jumps(graph)
     guard = int(jumps.max(initial=0))
     padded = np.empty((guard + len(lengths), lengths.shape[1]), np.int32)
     padded[:guard] = -1

@@ -15,9 +15,9 @@ from ..region_graph import METRICS
 from ..region_values import MODELS
 from ..regions import WEIGHTS
 from ..settings import as_spacing
-from ..simplification import Simplification, simplify_file
-from ..simplification_report import as_lines
 from ..simplify import SOURCES
+from ..simplify_file import Simplification, simplify_file
+from ..simplify_report import as_lines
 from . import options
 from .group import sentences
 from .options import FILE

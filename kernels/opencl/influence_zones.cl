@@ -54,17 +54,27 @@
 
 #define WITHIN(v) ((v) >= begin && (v) < end)
 
+/* What the functions below are told of a work item's block, and of the heap in it. */
+#define BLOCK_ARGS                                                                                                   \
+    const long begin,                                                                                                \
+    const long end,                                                                                                  \
+    EDGES_ARGS,                                                                                                      \
+    const long hop,                                                                                                  \
+    __global const long *mu,                                                                                         \
+    __global const long *tag,                                                                                        \
+    __global long *mu_out,                                                                                           \
+    __global long *tag_out
+#define BLOCK begin, end, EDGES, hop, mu, tag, mu_out, tag_out
+#define HEAP_ARGS                                                                                                    \
+    const long begin,                                                                                                \
+    __global const long *mu_out,                                                                                     \
+    __global const long *tag_out,                                                                                    \
+    __global int *heap,                                                                                              \
+    __global int *place
+#define HEAP begin, mu_out, tag_out, heap + begin, place
+
 /* Give vertex u the best that its neighbours offer; whether that is less than what it had. */
-static int relax(
-    const long u,
-    const long begin,
-    const long end,
-    EDGES_ARGS,
-    const long hop,
-    __global const long *mu,
-    __global const long *tag,
-    __global long *mu_out,
-    __global long *tag_out)
+static int relax(const long u, BLOCK_ARGS)
 {
     long best = mu_out[u], best_tag = tag_out[u];
     int moved = 0;
@@ -84,20 +94,10 @@ static int relax(
     return moved;
 }
 
-#define RELAX(u) relax(u, begin, end, EDGES, hop, mu, tag, mu_out, tag_out)
+#define RELAX(u) relax(u, BLOCK)
 
 /* Vertex u in a pass over the block; if it moves, its neighbours have to be looked at again. */
-static int pass(
-    const long u,
-    const long begin,
-    const long end,
-    EDGES_ARGS,
-    const long hop,
-    __global const long *mu,
-    __global const long *tag,
-    __global long *mu_out,
-    __global long *tag_out,
-    __global int *place)
+static int pass(const long u, BLOCK_ARGS, __global int *place)
 {
     place[u] = 0;
     if (!RELAX(u)) return 0;
@@ -107,21 +107,14 @@ static int pass(
     return 1;
 }
 
-#define PASS(u) moved |= pass(u, begin, end, EDGES, hop, mu, tag, mu_out, tag_out, place)
+#define PASS(u) moved |= pass(u, BLOCK, place)
 
 /* The heap: vertices of which each is at most its (up to four) children, those of i at 4 i + 1 and after; place[u] - 1
  * is where u is, 0 - 1 nowhere. Wide nodes make it shallow: its deeper levels are in no cache. */
 #define LESS(u, v) (mu_out[u] < mu_out[v] || (mu_out[u] == mu_out[v] && tag_out[u] < tag_out[v]))
 
 /* Put vertex u where it belongs, from the open place i on upwards. */
-static void rise(
-    const long u,
-    int i,
-    const long begin,
-    __global const long *mu_out,
-    __global const long *tag_out,
-    __global int *heap,
-    __global int *place)
+static void rise(const long u, int i, HEAP_ARGS)
 {
     while (i > 0) {
         const int parent = (i - 1) / 4;
@@ -136,14 +129,7 @@ static void rise(
 }
 
 /* Put vertex u where it belongs, from the open top on downwards, in a heap of this size. */
-static void sink(
-    const long u,
-    const int size,
-    const long begin,
-    __global const long *mu_out,
-    __global const long *tag_out,
-    __global int *heap,
-    __global int *place)
+static void sink(const long u, const int size, HEAP_ARGS)
 {
     int i = 0;
     for (;;) {
@@ -167,8 +153,8 @@ static void sink(
     place[u] = i + 1;
 }
 
-#define RISE(u, i) rise(u, i, begin, mu_out, tag_out, heap + begin, place)
-#define SINK(u) sink(u, size, begin, mu_out, tag_out, heap + begin, place)
+#define RISE(u, i) rise(u, i, HEAP)
+#define SINK(u) sink(u, size, HEAP)
 
 __kernel void influence_zones(
     const long n,                      /* number of vertices */

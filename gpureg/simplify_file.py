@@ -19,8 +19,8 @@ from .picture import Tags
 from .problem import Norm
 from .region_values import Model
 from .regions import Regions, WeightKind
-from .simplification_report import Errors, report_of, run_of
 from .simplify import SourceKind, simplify_image
+from .simplify_report import Errors, report_of, run_of
 from .solvers.loop import progress_bar
 from .weights import Weights
 
