@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from . import operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
-from .build import ring_graph
+from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -46,6 +46,7 @@ __all__ = [
     "Result",
     "Stop",
     "__version__",
+    "curve_graph",
     "denoise_bilateral",
     "denoise_image",
     "denoise_nl_means",
@@ -53,15 +54,19 @@ __all__ = [
     "energy_partition",
     "estimate_noise",
     "estimate_photon_noise",
+    "face_graph",
     "from_networkx",
     "inpaint_image",
+    "knn_graph",
     "memory_needed",
+    "mesh_graph",
     "operators",
     "patch_graph",
     "plan_denoising",
     "plot",
     "presets",
     "propagate_labels",
+    "radius_graph",
     "read_graph",
     "region_graph",
     "region_values",

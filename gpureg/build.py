@@ -1,10 +1,295 @@
-"""Graphs made from other graphs: :func:`ring_graph`."""
+"""Graphs of meshes, curves, points and other graphs (section 5.3): all of them know where their vertices lie."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, Literal
 
-from .graph import Graph
+import numpy as np
+import numpy.typing as npt
+
+from .graph import FloatArray, Graph, IntArray, all_finite, unmasked
+
+Across = Literal["edge", "vertex"]
+
+
+def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
+    """Coordinates as a float64 array (n, d), n >= 1 and d >= 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Values that are not real and finite, another shape.
+    """
+    array = unmasked(points, name)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    if array.ndim != 2 or 0 in array.shape:
+        raise ValueError(f"{name} must have shape (n, d), a row per vertex, got {array.shape}")
+    if not all_finite(array):
+        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise ValueError(f"{name} must be finite, row {row} is {array[row].tolist()}: leave such rows out")
+    return array.astype(np.float64)
+
+
+def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:
+    """Faces as an int64 array (F, k) of vertices 0..n_vertices - 1, k >= 3 corners each.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Numbers that are no integers, another shape, a vertex that is not there.
+    """
+    array = np.asarray(faces)
+    if array.size == 0:
+        array = np.zeros((0, 3), np.int64)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"faces must hold integers, got {array.dtype}")
+    if array.ndim != 2 or array.shape[1] < 3:
+        raise ValueError(f"faces must have shape (F, 3) of three vertices each, or (F, k), got {array.shape}")
+    if array.size and (array.min() < 0 or array.max() >= n_vertices):
+        wrong = array[(array < 0) | (array >= n_vertices)][0]
+        raise ValueError(f"faces must name vertices 0..{n_vertices - 1}, got {wrong}")
+    return array.astype(np.int64)
+
+
+def face_edges(faces: IntArray) -> IntArray:
+    """The edges of all faces in turn, corner to corner, (F k, 2); an edge of two faces stands there twice."""
+    edges: IntArray = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    return edges
+
+
+def _once(edges: IntArray) -> IntArray:
+    """Undirected edges, each once, without those from a vertex to itself."""
+    proper = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    unique: IntArray = np.unique(proper, axis=0)
+    return unique
+
+
+def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
+    """The graph of a mesh: its vertices, joined along the edges of its faces (section 5.3).
+
+    Parameters
+    ----------
+    vertices : (n, d) float array
+        Coordinates, which become the graph's positions.
+    faces : (F, 3) int array
+        Triangles; (F, k) for faces of k corners.
+
+    Returns
+    -------
+    Graph
+        Without weights: give :mod:`gpureg.weights` such as ``inverse_distance(2)`` to :func:`gpureg.regularize`. A
+        vertex without a face stays, without an edge; an edge of any number of faces is one edge.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not finite, faces that name no vertex.
+
+    Examples
+    --------
+    Two triangles that share an edge, and a vertex in no face:
+
+    >>> import gpureg as gr
+    >>> graph = gr.mesh_graph([[0, 0], [1, 0], [0, 1], [1, 1], [5, 5]], [[0, 1, 2], [2, 1, 3]])
+    >>> graph.n_edges // 2, graph.degree()
+    (5, array([2., 3., 3., 2., 0.]))
+    """
+    positions = checked_points(vertices, "vertices")
+    edges = _once(face_edges(checked_faces(faces, len(positions))))
+    return Graph.from_edges(edges, n_vertices=len(positions), positions=positions)
+
+
+def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across = "edge") -> Graph:
+    """The graph of a mesh's faces, for functions such as their normals.
+
+    Parameters
+    ----------
+    vertices : (n, d) float array
+    faces : (F, 3) int array
+        Triangles; (F, k) for faces of k corners.
+    across : {"edge", "vertex"}, default "edge"
+        Faces are neighbours if they share an edge (three neighbours, where the surface is a manifold), or a vertex
+        (about twelve).
+
+    Returns
+    -------
+    Graph
+        One vertex per face, at the mean of its corners. All pairs of faces along a non-manifold edge are neighbours.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`mesh_graph`; no face at all, an unknown `across`.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> square = [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [2, 1, 3]]
+    >>> gr.face_graph(*square)
+    Graph(2 vertices, 1 undirected edges, unweighted)
+    """
+    from scipy import sparse
+
+    positions = checked_points(vertices, "vertices")
+    corners = checked_faces(faces, len(positions))
+    if across not in ("edge", "vertex"):
+        raise ValueError(f'across must be "edge" or "vertex", what neighbouring faces share, got {across!r}')
+    n_faces, k = corners.shape
+    if n_faces == 0:
+        raise ValueError("there is no face to make a graph of")
+    rows = np.repeat(np.arange(n_faces), k)
+    if across == "vertex":
+        columns = corners.ravel()
+    else:
+        edges = face_edges(corners)
+        proper = edges[:, 0] != edges[:, 1]
+        _, columns = np.unique(np.sort(edges[proper], axis=1), axis=0, return_inverse=True)
+        rows, columns = rows[proper], columns.ravel()
+    parts = sparse.csr_array((np.ones(len(rows), np.int32), (rows, columns)))
+    shared = sparse.coo_array(parts @ parts.T)
+    other = shared.row < shared.col
+    edges = np.stack([shared.row[other], shared.col[other]], axis=1)
+    return Graph.from_edges(edges, n_vertices=n_faces, positions=positions[corners].mean(axis=1))
+
+
+def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
+    """The graph of a polygonal curve: each point joined to the next (figures 5, 7 and 9).
+
+    Parameters
+    ----------
+    points : (n, d) float array
+        The vertices in order; those of a closed curve without the first repeated at the end.
+    closed : bool, default True
+        Whether the last point is joined to the first.
+
+    Returns
+    -------
+    Graph
+        Without weights, with the points as positions.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not finite, fewer than two points (three of a closed curve).
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.curve_graph([[0, 0], [1, 0], [1, 1], [0, 1]]).degree()
+    array([2., 2., 2., 2.])
+    """
+    positions = checked_points(points)
+    n, least = len(positions), 3 if closed else 2
+    if n < least:
+        raise ValueError(f"{'a closed' if closed else 'an open'} curve needs at least {least} points, got {n}")
+    start = np.arange(n if closed else n - 1)
+    return Graph.from_edges(np.stack([start, (start + 1) % n], axis=1), n_vertices=n, positions=positions)
+
+
+def knn_graph(
+    points: npt.ArrayLike, k: int, *, symmetrize: Literal["max", "mutual"] = "max", reach: float = np.inf
+) -> Graph:
+    """Join every point to its k nearest (a kd-tree finds them).
+
+    Parameters
+    ----------
+    points : (n, d) float array
+        Points, or features of any number of dimensions.
+    k : int
+        Neighbours that each point chooses, at least 1; all others, where there are fewer.
+    symmetrize : {"max", "mutual"}, default "max"
+        An edge where either of two points chose the other, or where both did.
+    reach : float, default infinity
+        No edge is longer than this.
+
+    Returns
+    -------
+    Graph
+        Without weights, with the points as positions. Points that coincide are neighbours like any others.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not finite, a `k` or `reach` out of its range.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.knn_graph([[0.0], [1.0], [3.0], [7.0]], 1).to_scipy().toarray().astype(int)
+    array([[0, 1, 0, 0],
+           [1, 0, 1, 0],
+           [0, 1, 0, 1],
+           [0, 0, 1, 0]])
+    """
+    positions = checked_points(points)
+    if isinstance(k, bool) or not isinstance(k, int | np.integer):
+        raise TypeError(f"k must be an integer, got {k!r}")
+    if k < 1:
+        raise ValueError(f"k must be at least 1 neighbour, got {k}")
+    if symmetrize not in ("max", "mutual"):
+        raise ValueError(
+            f'symmetrize must be "max" (either chose the other) or "mutual" (both did), got {symmetrize!r}'
+        )
+    n = len(positions)
+    most = min(int(k), n - 1)
+    if most == 0:
+        return Graph.from_edges([], n_vertices=n, positions=positions)
+    # The point itself is among its nearest, though not always the first where others coincide with it.
+    distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=_reach(reach))
+    rows = np.repeat(np.arange(n), most + 1)
+    chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
+    # Where it is not even there, for so many coincide, the furthest is left out in its place.
+    chosen &= (np.cumsum(chosen.reshape(n, most + 1), axis=1) <= most).ravel()
+    edges = np.stack([rows[chosen], near.ravel()[chosen]], axis=1)
+    if not len(edges):
+        return Graph.from_edges([], n_vertices=n, positions=positions)
+    return Graph.from_edges(edges, n_vertices=n, positions=positions, symmetrize=symmetrize)
+
+
+def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
+    """Join all points at most `radius` apart.
+
+    Parameters
+    ----------
+    points : (n, d) float array
+    radius : float
+        > 0, in the units of the points.
+
+    Returns
+    -------
+    Graph
+        Without weights, with the points as positions.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not finite, a radius that is not > 0.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> gr.radius_graph([[0.0], [1.0], [3.0]], 1.5)
+    Graph(3 vertices, 1 undirected edges, unweighted)
+    """
+    positions = checked_points(points)
+    pairs = _tree(positions).query_pairs(_reach(radius, "radius"), output_type="ndarray")
+    return Graph.from_edges(pairs, n_vertices=len(positions), positions=positions)
+
+
+def _tree(positions: FloatArray) -> Any:
+    from scipy.spatial import cKDTree
+
+    # Unbalanced trees are built several times as fast, and found as fast in.
+    return cKDTree(positions, balanced_tree=False)
+
+
+def _reach(length: float, name: str = "reach") -> float:
+    if isinstance(length, bool) or not isinstance(length, int | float | np.integer | np.floating):
+        raise TypeError(f"{name} must be a number, got {length!r}")
+    if not length > 0:
+        raise ValueError(f"{name} must be > 0, got {length}")
+    return float(length)
 
 
 def ring_graph(graph: Graph, rings: int) -> Graph:
