@@ -12,6 +12,8 @@ from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
+from .mesh import denoise_mesh
+from .mesh_noise import estimate_mesh_noise
 from .nearest import patch_graph
 from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
 from .partition import energy_partition
@@ -49,9 +51,11 @@ __all__ = [
     "curve_graph",
     "denoise_bilateral",
     "denoise_image",
+    "denoise_mesh",
     "denoise_nl_means",
     "denoise_tv",
     "energy_partition",
+    "estimate_mesh_noise",
     "estimate_noise",
     "estimate_photon_noise",
     "face_graph",

@@ -58,11 +58,25 @@ def face_edges(faces: IntArray) -> IntArray:
     return edges
 
 
-def _once(edges: IntArray) -> IntArray:
-    """Undirected edges, each once, without those from a vertex to itself."""
-    proper = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
-    unique: IntArray = np.unique(proper, axis=0)
-    return unique
+def _joined(u: IntArray, v: IntArray, n: int, positions: FloatArray) -> Graph:
+    """The graph of edges (u, v), given any number of times in either direction; those to itself are none."""
+    from scipy import sparse
+
+    both = sparse.csr_array(
+        (np.ones(2 * len(u), np.int8), (np.concatenate([u, v]), np.concatenate([v, u]))), shape=(n, n)
+    )
+    # rows sorted, each neighbour once
+    both.sum_duplicates()
+    return _without_loops(both, positions)
+
+
+def _without_loops(matrix: Any, positions: FloatArray) -> Graph:
+    """The graph of the stored entries of a symmetric CSR matrix with sorted rows, apart from its diagonal."""
+    n = matrix.shape[0]
+    rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
+    other = matrix.indices != rows
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows[other], minlength=n))])
+    return Graph(indptr, matrix.indices[other], None, positions)
 
 
 def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
@@ -96,8 +110,8 @@ def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     (5, array([2., 3., 3., 2., 0.]))
     """
     positions = checked_points(vertices, "vertices")
-    edges = _once(face_edges(checked_faces(faces, len(positions))))
-    return Graph.from_edges(edges, n_vertices=len(positions), positions=positions)
+    edges = face_edges(checked_faces(faces, len(positions)))
+    return _joined(edges[:, 0], edges[:, 1], len(positions), positions)
 
 
 def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across = "edge") -> Graph:
@@ -140,17 +154,16 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
         raise ValueError("there is no face to make a graph of")
     rows = np.repeat(np.arange(n_faces), k)
     if across == "vertex":
-        columns = corners.ravel()
+        columns, n_parts = corners.ravel(), len(positions)
     else:
-        edges = face_edges(corners)
+        edges = np.sort(face_edges(corners), axis=1)
         proper = edges[:, 0] != edges[:, 1]
-        _, columns = np.unique(np.sort(edges[proper], axis=1), axis=0, return_inverse=True)
-        rows, columns = rows[proper], columns.ravel()
-    parts = sparse.csr_array((np.ones(len(rows), np.int32), (rows, columns)))
-    shared = sparse.coo_array(parts @ parts.T)
-    other = shared.row < shared.col
-    edges = np.stack([shared.row[other], shared.col[other]], axis=1)
-    return Graph.from_edges(edges, n_vertices=n_faces, positions=positions[corners].mean(axis=1))
+        _, columns = np.unique(edges[proper] @ np.array([len(positions), 1]), return_inverse=True)
+        rows, n_parts = rows[proper], int(columns.max(initial=-1)) + 1
+    parts = sparse.csr_array((np.ones(len(rows), np.int32), (rows, columns)), shape=(n_faces, n_parts))
+    shared = sparse.csr_array(parts @ parts.T)
+    shared.sort_indices()
+    return _without_loops(shared, positions[corners].mean(axis=1))
 
 
 def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:

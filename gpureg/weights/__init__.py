@@ -7,6 +7,7 @@ below it, a name here, and a row in ``tests/test_weights.py``.
 """
 
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights
+from .cotangent import Cotangent, cotangent
 from .distance import Constant, constant, gaussian, inverse_distance
 from .guide import OPPONENT, Compared, Guided, Smoothed, blur_norm, guided, patch_weights, smoothed
 from .similarity import Bilateral, Patch, bilateral, half, patch, recomputed
@@ -16,6 +17,7 @@ __all__ = [
     "Bilateral",
     "Compared",
     "Constant",
+    "Cotangent",
     "EdgeWeights",
     "Guided",
     "Patch",
@@ -26,6 +28,7 @@ __all__ = [
     "bilateral",
     "blur_norm",
     "constant",
+    "cotangent",
     "gaussian",
     "guided",
     "half",

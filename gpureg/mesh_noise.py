@@ -1,0 +1,129 @@
+"""How noisy a mesh is, or a function on any graph: robust deviations of differences (:func:`estimate_mesh_noise`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .build import face_graph, mesh_graph
+from .graph import FloatArray, Graph, IntArray
+from .surface import face_normals, face_vectors, surface_of
+
+# The median of |x| of a normal deviate of deviation 1.
+_MEDIAN = 0.6744897501960817
+
+# What noise makes of normals: distances from the mean of three neighbours over those from one of them (measured on five
+# meshes: 0.80 to 0.83), and the most of a vertex's deviation in edges over the former (0.7 to 0.95 there).
+_ACROSS, _TILT = 0.82, 1.2
+
+# Vertices that are looked at, evenly spread, where there are more: their median is as good.
+_MOST = 100_000
+
+
+def averaging(graph: Graph) -> Any:
+    """The matrix M that replaces each value by the mean of its neighbours, CSR; rows of zeros without neighbours."""
+    from scipy import sparse
+
+    degree = np.diff(graph.indptr)
+    data = np.repeat(1 / np.maximum(degree, 1), degree)
+    return sparse.csr_array((data, graph.indices, graph.indptr), shape=(graph.n_vertices,) * 2)
+
+
+def second_differences(f: FloatArray, graph: Graph, first: FloatArray | None = None) -> FloatArray:
+    """(I - M)^2 f at vertices that have neighbours, in units of what it makes of white noise of deviation 1.
+
+    `first` takes the place of (I - M) f, where that is known. Of more than 100 000 vertices some, evenly spread.
+    """
+    from scipy import sparse
+
+    M = averaging(graph)
+    n = graph.n_vertices
+    rows = np.flatnonzero(np.diff(graph.indptr) > 0)
+    rows = rows[:: -(-len(rows) // _MOST) or 1]
+    once = f - M @ f if first is None else first
+    T = sparse.csr_array(sparse.eye_array(n, format="csr") - M)
+    part = T[rows]
+    growth = np.sqrt(np.asarray((part @ T).power(2).sum(axis=1)).ravel())
+    twice: FloatArray = (part @ once).reshape(len(rows), -1) / growth[:, None]
+    return twice
+
+
+def noise_on_graph(f: FloatArray, graph: Graph) -> float:
+    """Deviation of white noise in a function (n,) or (n, m) that is smooth on the graph."""
+    differences = np.abs(second_differences(f.reshape(len(f), -1), graph))
+    return float(np.median(differences) / _MEDIAN) if differences.size else 0.0
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
+    from scipy import sparse
+
+    corners = faces.ravel()
+    at = (corners, np.repeat(np.arange(len(faces)), 3))
+    gather = sparse.csr_array((np.ones(len(corners)), at), shape=(len(vertices), len(faces)))
+    sums: FloatArray = gather @ face_vectors(vertices, faces)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    normals: FloatArray = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
+    return normals
+
+
+def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph) -> float:
+    """:func:`estimate_mesh_noise` of a mesh whose graph is at hand."""
+    heights = ((v - averaging(graph) @ v) * vertex_normals(v, faces)).sum(axis=1)
+    differences = np.abs(second_differences(v, graph, heights))
+    if not differences.size:
+        return 0.0
+    u = graph.edge_rows()
+    edge = float(np.linalg.norm(v[u] - v[graph.indices], axis=1).mean())
+    most = _TILT * noise_of_normals(face_normals(v, faces), face_graph(v, faces)) * edge
+    return min(float(np.median(differences) / _MEDIAN), most)
+
+
+def noise_of_normals(normals: FloatArray, graph: Graph) -> float:
+    """The median distance of a unit normal from the mean of those across the edges of its face.
+
+    At most what the median distance across an edge says: of a part made for a machine many a face lies at a crease,
+    and yet most edges are flat.
+    """
+    there = (np.diff(graph.indptr) > 0) & normals.any(axis=1)
+    if not there.any():
+        return 0.0
+    apart = np.linalg.norm(normals - averaging(graph) @ normals, axis=1)
+    u, v = graph.edge_rows(), graph.indices
+    across = np.linalg.norm(normals[u] - normals[v], axis=1)[there[u] & there[v]]
+    return min(float(np.median(apart[there])), _ACROSS * float(np.median(across)) if across.size else 0.0)
+
+
+def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None) -> float:
+    """Estimate the deviation of noise on a mesh's vertices, along the normals, in the units of its coordinates.
+
+    Parameters
+    ----------
+    mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
+    faces : (F, 3) int array, optional
+        The faces, where `mesh` holds the vertices alone.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is no mesh of triangles.
+
+    Notes
+    -----
+    With h(u) the height of u over the mean of its neighbours, along the normal, it is the median of
+    |h(u) - mean of h around u| over what this makes of white noise of deviation 1 (about 1.36 / 0.674 where six
+    neighbours meet). Constant curvature drops out; detail as fine as the mesh counts as noise. It is at most 1.2 edges
+    times the noise of the normals, which is 0 where most edges are flat.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> tetrahedron = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]
+    >>> round(gr.estimate_mesh_noise(tetrahedron), 9)
+    0.0
+    """
+    surface, _ = surface_of(mesh, faces).welded()
+    v = surface.vertices - surface.vertices.mean(axis=0)
+    return noise_along_normals(v, surface.faces, mesh_graph(v, surface.faces))

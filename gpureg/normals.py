@@ -1,0 +1,106 @@
+"""Face normals as a function on the graph of faces: regularized, and vertices moved to fit them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .build import face_graph
+from .graph import FloatArray, IntArray
+from .mesh_noise import noise_of_normals
+from .regularization import regularize
+from .result import Result
+from .surface import face_normals
+from .weights import Weights, bilateral, guided
+
+# Reach of the weights between normals of the rounds after the first, a distance of unit vectors (20 degrees).
+REACH = 0.35
+
+
+def fidelity_to_normals(noise: float) -> float:
+    """The fidelity that :func:`regularized_normals` takes where none is given; infinite where there is no noise.
+
+    It is c / noise^2 with the c among 0.2 to 1.2 that left the least error of normals on five pairs of meshes, with
+    noise of 0.2 to 0.5 edges.
+    """
+    return 0.5 / noise**2 if noise > 0 else np.inf
+
+
+def regularized_normals(
+    vertices: FloatArray,
+    faces: IntArray,
+    lam: float | FloatArray | None,
+    *,
+    p: float,
+    weights: Weights | npt.ArrayLike | None,
+    rounds: int,
+    **model: Any,
+) -> tuple[FloatArray, list[Result], float | FloatArray]:
+    """Unit face normals regularized on the graph of faces that share a vertex, (F, 3).
+
+    Parameters
+    ----------
+    vertices, faces : arrays
+    lam : float or (F,) array, optional
+        None: :func:`fidelity_to_normals` of their noise.
+    p : float
+    weights : Weights or array, optional
+        None: 1 in the first round, then exp(-|n(u) - n(v)|^2 / 0.35^2) of the normals of the round before, which lets
+        creases stand that noise hid at first.
+    rounds : int
+        How often the normals of the mesh are regularized, each time with better weights; once where weights are given.
+    **model
+        What else :func:`gpureg.regularize` is told.
+
+    Returns
+    -------
+    tuple
+        The normals, the result of each round, and the fidelity used.
+    """
+    n0 = face_normals(vertices, faces)
+    if lam is None:
+        lam = fidelity_to_normals(noise_of_normals(n0, face_graph(vertices, faces)))
+    if isinstance(lam, float) and np.isinf(lam):
+        return n0, [], lam
+    graph = face_graph(vertices, faces, across="vertex")
+    # A face without area has no normal: it takes its neighbours'.
+    flat = ~n0.any(axis=1)
+    fidelity = np.where(flat, 0.0, lam) if flat.any() else lam
+    results: list[Result] = []
+    normals = n0
+    for k in range(1 if weights is not None else rounds):
+        chosen = guided(bilateral(np.inf, REACH), normals) if weights is None and k > 0 else weights
+        results.append(regularize(n0, graph, p=p, lam=fidelity, weights=chosen, **model))
+        normals = _units(results[-1].value.astype(np.float64), n0)
+    return normals, results, lam
+
+
+def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
+    """The vectors at length 1; what has none is what it was."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1), instead)
+
+
+def fitted_vertices(
+    vertices: FloatArray, faces: IntArray, normals: FloatArray, moves: npt.NDArray[Any], steps: int
+) -> FloatArray:
+    """Vertices moved so that the faces stand on given normals, (n, 3).
+
+    Each step moves every vertex v by moves(v) times the mean over its faces of n_f (n_f . (c_f - v)), where c_f is the
+    mean of the corners: the update of Sun, Rosin, Martin and Langbein (IEEE TVCG 13(5), 2007), which lessens
+    sum_f sum_edges (n_f . edge)^2 and needs no step size.
+    """
+    from scipy import sparse
+
+    at = (faces.ravel(), np.repeat(np.arange(len(faces)), 3))
+    gather = sparse.csr_array((np.ones(faces.size), at), shape=(len(vertices), len(faces)))
+    step = moves / np.maximum(gather.sum(axis=1), 1)
+    # sum_f n_f n_f^T, the same in all steps
+    outer = np.asarray(gather @ (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
+    v = vertices.copy()
+    for _ in range(steps):
+        planes = (normals * (v[faces[:, 0]] + v[faces[:, 1]] + v[faces[:, 2]])).sum(axis=1) / 3
+        v += step[:, None] * (gather @ (normals * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
+    return v
