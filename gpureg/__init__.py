@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from . import operators, plot, presets, sources, spectral, tuning, weights
+from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
 from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
+from .curve import denoise_curve
+from .curve_simplify import simplify_curve
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
 from .graph_io import from_networkx, read_graph, to_networkx, write_graph
@@ -50,6 +52,7 @@ __all__ = [
     "__version__",
     "curve_graph",
     "denoise_bilateral",
+    "denoise_curve",
     "denoise_image",
     "denoise_mesh",
     "denoise_nl_means",
@@ -64,6 +67,7 @@ __all__ = [
     "knn_graph",
     "memory_needed",
     "mesh_graph",
+    "metrics",
     "operators",
     "patch_graph",
     "plan_denoising",
@@ -79,6 +83,7 @@ __all__ = [
     "reordered",
     "ring_graph",
     "run_plan",
+    "simplify_curve",
     "simplify_image",
     "sources",
     "spectral",

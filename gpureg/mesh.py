@@ -93,9 +93,9 @@ def denoise_mesh(
     -----
     Minimises the energy of :func:`gpureg.regularize`. Where lam is None it is, with s the noise over the mean length of
     the edges: for positions edge^(p - 2) 2^(p - 3) / s, that is 0.5/s at p = 2; for values 1.1 sqrt(degree / m) / sigma
-    at p = 1, of the mean degree and m channels; for normals 0.5 / d^2, d the median distance of a normal from the mean of those
-    across its edges. The vertices are fitted to normals by ten steps of Sun, Rosin, Martin and Langbein (IEEE TVCG
-    13(5), 2007).
+    at p = 1, of the mean degree and m channels; for normals 0.5 / d^2, d the median distance of a normal from the mean
+    of those across its edges. The vertices are fitted to normals by ten steps of Sun, Rosin, Martin and Langbein (IEEE
+    TVCG 13(5), 2007).
 
     Examples
     --------
