@@ -16,6 +16,7 @@ from .labels import propagate_labels
 from .memory import memory_needed
 from .mesh import denoise_mesh
 from .mesh_noise import estimate_mesh_noise
+from .mesh_simplify import simplify_mesh
 from .nearest import patch_graph
 from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
 from .partition import energy_partition
@@ -85,6 +86,7 @@ __all__ = [
     "run_plan",
     "simplify_curve",
     "simplify_image",
+    "simplify_mesh",
     "sources",
     "spectral",
     "to_networkx",
