@@ -30,6 +30,7 @@ from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
 from .simplify import simplify_image
+from .skeleton import Skeleton, simplify_skeleton, skeleton
 from .solvers import Certified, Check, Euler, Jacobi
 
 __version__ = "0.1.0"
@@ -49,6 +50,7 @@ __all__ = [
     "RegionGraph",
     "Regions",
     "Result",
+    "Skeleton",
     "Stop",
     "__version__",
     "curve_graph",
@@ -87,6 +89,8 @@ __all__ = [
     "simplify_curve",
     "simplify_image",
     "simplify_mesh",
+    "simplify_skeleton",
+    "skeleton",
     "sources",
     "spectral",
     "to_networkx",

@@ -15,7 +15,7 @@ from .graph import FloatArray, Graph
 from .mesh_noise import noise_on_graph
 from .regularization import regularize
 from .result import Result
-from .solvers import Solver
+from .solvers import Certified, Solver
 from .solvers.loop import Callback
 from .weights import Weights
 
@@ -159,7 +159,7 @@ def denoise_curve(
     keep_ends : bool, default True
         Whether the ends of open curves keep theirs.
     solver : str or Solver, optional
-        None: "certified", the minimiser, where there is one (p >= 1 and lam > 0), "jacobi" elsewhere.
+        None: ``gpureg.Certified(tol=1e-6)``, the minimiser, where there is one (p >= 1, lam > 0), "jacobi" elsewhere.
     norm, eps, max_iter, tol, backend, dtype, callback, progress
         As in :func:`gpureg.regularize`. `max_iter` of the "jacobi" that is chosen here is 1000.
 
@@ -250,7 +250,7 @@ def denoised_curves(
         return CurveDenoising(curves.points, noise, asked, float(p), None)
     if solver is None:
         exact = p >= 1 and fidelity.min() > 0
-        solver = "certified" if exact else "jacobi"
+        solver = Certified(tol=1e-6) if exact else "jacobi"
         max_iter = 1000 if max_iter is None and not exact else max_iter
     f0 = graph.positions
     assert f0 is not None

@@ -67,6 +67,7 @@ FLOORS: dict[str, float] = {
     "labels": 5,
     "mesh": 5,
     "mesh_simplify": 5,
+    "skeleton": 5.1,
     "curve": 5,
     "curve_simplify": 5.1,
     "points": 5,
