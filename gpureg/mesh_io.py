@@ -21,7 +21,24 @@ from .surface import surface_of
 FORMATS = {".ply": "PLY", ".obj": "OBJ", ".off": "OFF", ".stl": "STL"}
 
 # Properties of a PLY vertex that trimesh makes something of: all others are attributes.
-_KNOWN = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", "s", "t", "u", "v", "texture_u", "texture_v"}
+_KNOWN = {
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "red",
+    "green",
+    "blue",
+    "alpha",
+    "s",
+    "t",
+    "u",
+    "v",
+    "texture_u",
+    "texture_v",
+}
 
 _PLY_TYPES = {
     "i1": "char",
@@ -76,7 +93,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         A file that is missing, may not be read, is truncated or none of these kinds; that holds points without faces,
         or several meshes.
     """
-    kind = _kind(path)
+    kind = check_format(path)
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
@@ -100,7 +117,14 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     return MeshFile(surface.vertices, surface.faces.astype(np.int64), mesh, dtype)
 
 
-def _kind(path: str | os.PathLike[str]) -> str:
+def check_format(path: str | os.PathLike[str]) -> str:
+    """The format that the extension of a mesh's file names.
+
+    Raises
+    ------
+    MeshError
+        An unknown extension.
+    """
     kind = FORMATS.get(Path(path).suffix.lower())
     if kind is None:
         raise MeshError(f"{path}: the extension of a mesh must be one of {', '.join(FORMATS)}")
@@ -147,7 +171,7 @@ def _column(data: Any) -> Any:
 
 
 def _take_attributes(mesh: Any, elements: dict[str, Any]) -> None:
-    """Numbers that a PLY file has at vertices and faces, besides those that trimesh knows, as attributes of the mesh."""
+    """Give the mesh, as attributes, the numbers at vertices and faces of a PLY file that trimesh does not know."""
     for element, attributes, count in (
         ("vertex", mesh.vertex_attributes, len(mesh.vertices)),
         ("face", mesh.face_attributes, len(mesh.faces)),
@@ -202,8 +226,20 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
     TypeError, ValueError
         What is no mesh of triangles.
     """
-    kind = _kind(path)
+    encoded = encode_mesh(path, mesh, dtype)
     check_place(path)
+    write_atomically(path, lambda temporary: temporary.write_bytes(encoded))
+
+
+def encode_mesh(path: str | os.PathLike[str], mesh: Any, dtype: npt.DTypeLike | None = None) -> bytes:
+    """What :func:`write_mesh` writes to a file of that name.
+
+    Raises
+    ------
+    MeshError, TypeError, ValueError
+        As :func:`write_mesh`, but for the disk.
+    """
+    kind = check_format(path)
     surface = surface_of(mesh)
     whole = mesh if hasattr(mesh, "visual") else _bare(surface.vertices, surface.faces)
     if dtype is None:
@@ -211,8 +247,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
         dtype = np.float32 if np.array_equal(narrow, surface.vertices) else np.float64
     if np.dtype(dtype) not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {np.dtype(dtype)}")
-    encoded = _encoded(kind, whole, np.dtype(dtype))
-    write_atomically(path, lambda temporary: temporary.write_bytes(encoded))
+    return _encoded(kind, whole, np.dtype(dtype))
 
 
 def _bare(vertices: FloatArray, faces: IntArray) -> Any:
@@ -256,7 +291,12 @@ def _ply(mesh: Any, dtype: np.dtype[Any]) -> bytes:
         for name, values in columns.items():
             table[name] = values
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *_properties(vertex)]
-    header += [f"element face {len(rows)}", "property list uchar int vertex_indices", *_properties(face), "end_header\n"]
+    header += [
+        f"element face {len(rows)}",
+        "property list uchar int vertex_indices",
+        *_properties(face),
+        "end_header\n",
+    ]
     return "\n".join(header).encode() + points.tobytes() + rows.tobytes()
 
 

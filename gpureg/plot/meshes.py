@@ -223,9 +223,7 @@ def _to_the_front(direction: FloatArray, surface: Surface) -> FloatArray:
 def _angles(view: Any) -> FloatArray:
     angles = np.asarray(view, dtype=np.float64) if not isinstance(view, str) else np.empty(0)
     if angles.shape != (2,) or not np.isfinite(angles).all() or abs(angles[1]) > 90:
-        raise ValueError(
-            f'view must be "auto" or (azimuth, elevation) in degrees, the latter at most 90, got {view!r}'
-        )
+        raise ValueError(f'view must be "auto" or (azimuth, elevation) in degrees, the latter at most 90, got {view!r}')
     radians: FloatArray = np.radians(angles)
     return radians
 
@@ -250,17 +248,13 @@ def _panels(size: FloatArray, titles: Sequence[str], caption: str, *, bar: bool)
     for k in range(len(titles)):
         row, column = divmod(k, across)
         left, bottom = 0.1 + column * (width + 0.1), total[1] - (row + 1) * (height + titled)
-        panels.append(
-            figure.add_axes((left / total[0], bottom / total[1], width / total[0], height / total[1]))
-        )
+        panels.append(figure.add_axes((left / total[0], bottom / total[1], width / total[0], height / total[1])))
     if lines:
         figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
     return figure, panels
 
 
-def _draw(
-    axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, shading: Shading, edges: bool
-) -> None:
+def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, shading: Shading, edges: bool) -> None:
     """Faces from far to near, as one collection."""
     from matplotlib.collections import PolyCollection, TriMesh
     from matplotlib.tri import Triangulation
@@ -274,27 +268,25 @@ def _draw(
     order = order[np.argsort(seen[faces[order], 2].mean(axis=1), kind="stable")]
     corners = faces[order]
     by_vertex = len(colours) == len(seen) and len(colours) != len(faces)
-    line = {"edgecolors": (0.15, 0.15, 0.2, 0.6), "linewidths": 0.25}
+    outlines: Any = seen[corners, :2]
+    line: dict[str, Any] = {"edgecolors": (0.15, 0.15, 0.2, 0.6), "linewidths": 0.25, "rasterized": True}
+    # as lines and areas of a .pdf or .svg this many faces would be megabytes: they go in as a picture
     if shading == "smooth":
         whole, which = Surface(seen, faces, surface.make).welded()
         light = _light(vertex_normals(whole.vertices, whole.faces), outside)[which]
         base = colours if by_vertex else _at_vertices(colours, faces, len(seen))
-        drawn = TriMesh(Triangulation(seen[:, 0], seen[:, 1], corners))
+        drawn = TriMesh(Triangulation(seen[:, 0], seen[:, 1], corners), rasterized=True)
         drawn.set_facecolor(np.clip(base * light[:, None], 0, 1))
         axes.add_collection(drawn)
         if edges:
-            axes.add_collection(
-                PolyCollection(seen[corners, :2], facecolors="none", rasterized=True, **line)
-            )
-    else:
-        base = colours[corners].mean(axis=1) if by_vertex else colours[order]
-        shown = np.clip(base * _light(normals[order], outside)[:, None], 0, 1)
+            axes.add_collection(PolyCollection(outlines, facecolors="none", **line))
+        return
+    base = colours[corners].mean(axis=1) if by_vertex else colours[order]
+    shown = np.clip(base * _light(normals[order], outside)[:, None], 0, 1)
+    if not edges:
         # a line in the face's colour closes the seams that smooth outlines leave between neighbours
-        seams = {"edgecolors": "face", "linewidths": 0.3}
-        drawn = PolyCollection(seen[corners, :2], facecolors=shown, **(line if edges else seams))
-        axes.add_collection(drawn)
-    # as lines and areas of a .pdf or .svg this many faces would be megabytes
-    drawn.set_rasterized(True)
+        line |= {"edgecolors": "face", "linewidths": 0.3}
+    axes.add_collection(PolyCollection(outlines, facecolors=shown, **line))
 
 
 def _light(normals: FloatArray, outside: float) -> FloatArray:
