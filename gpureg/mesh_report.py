@@ -138,7 +138,7 @@ def _quality(report: dict[str, Any]) -> str:
         words.append("no longer closed")
     if _moves(report):
         largest, edge = report["displacement"]["largest"], report["edge"]
-        edges = f" ({largest / edge:.2g} edges)" if edge else ""
+        edges = f" ({largest / edge:.2f} edges)" if edge else ""
         words.append(f"largest displacement {largest:.3g}{edges}")
     else:
         words.append(f"Hausdorff distance {report['hausdorff']:.3g}")
