@@ -6,6 +6,7 @@ import io
 import math
 import os
 import re
+import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,8 +81,8 @@ class MeshFile:
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a triangle mesh from a PLY, OBJ, OFF or STL file, its vertices and faces in the order of the file.
 
-    Polygons are cut into triangles. STL has each vertex as often as faces meet there. A vertex of an OBJ is repeated
-    where textures have a seam.
+    Polygons are cut into triangles. STL has each vertex as often as faces meet there. An OBJ with a texture is put into
+    another order, and vertices at the texture's seams are repeated.
 
     Parameters
     ----------
@@ -104,12 +105,14 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         raise MeshError(f"{path} cannot be read: {error.strerror}") from None
     if not data.strip():
         raise MeshError(f"{path} is empty")
-    materials: list[str] = []
+    fault = _FAULTS[kind](data)
+    if fault:
+        raise MeshError(f"{path} is damaged, truncated or no {kind} file: {fault}")
+    mesh, dtype = _loaded(_plain_obj(data) if kind == "OBJ" else _utf8(data) if kind == "OFF" else data, kind, path)
     if kind == "OBJ":
-        data, materials = _plain_obj(data)
-    mesh, dtype = _loaded(data, kind, path)
-    if materials:
-        mesh.metadata["materials"] = materials
+        mesh.metadata["materials"] = [
+            line.decode("utf-8", "replace").strip() for line in re.findall(rb"(?m)^(?:mtllib|usemtl)\b.*$", data)
+        ]
     try:
         surface = surface_of(mesh)
     except (TypeError, ValueError) as error:
@@ -135,23 +138,24 @@ def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, 
     """The one mesh in a file, and the type of its coordinates."""
     import trimesh
 
+    # a vertex with two places in a texture would lose one of them
+    ordered = kind != "OBJ" or re.search(rb"(?m)^vt\b", data) is None
     try:
         with warnings.catch_warnings():
             # how numpy says that text is no numbers
             warnings.filterwarnings("error", message=".*could not be read to its end.*")
-            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), process=False, maintain_order=True)
-            if kind == "OFF":
-                _expect_whole_off(data)
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), process=False, maintain_order=ordered)
     except MemoryError:
         raise
     except Exception as error:  # its parsers raise whatever they stumble over
-        raise MeshError(f"{path} is damaged or no {kind} file that can be read: {error}") from None
+        only = ", or its polygons differ in size, which is read from a PLY in text alone" if kind == "PLY" else ""
+        raise MeshError(f"{path} is damaged, truncated or no {kind} file{only}") from error
     parts = list(scene.geometry.values())
     if len(parts) > 1:
         raise MeshError(
-            f"{path} holds {len(parts)} meshes, by object or material; join them, or write each to a file of its own"
+            f"{path} holds {len(parts)} meshes, by material; join them, or write each to a file of its own"
         )
-    if not parts or not isinstance(parts[0], trimesh.Trimesh):
+    if not parts or not isinstance(parts[0], trimesh.Trimesh) or not len(parts[0].faces):
         raise MeshError(f"{path} has no face; gpureg mesh needs triangles, points alone are for gpureg points")
     mesh = parts[0]
     dtype = np.dtype(np.float32 if kind == "STL" else np.float64)
@@ -185,24 +189,65 @@ def _take_attributes(mesh: Any, elements: dict[str, Any]) -> None:
                 attributes[name] = values.astype(values.dtype.newbyteorder("="))
 
 
-def _expect_whole_off(data: bytes) -> None:
-    """Count the lines, of which trimesh takes as many as there are."""
-    text = re.sub(rb"#.*", b"", data).split(b"OFF", 1)[1]
-    lines = [line for line in text.splitlines() if line.strip()]
-    n_vertices, n_faces = (int(word) for word in lines[0].split()[:2])
+def _fault_of_ply(data: bytes) -> str:
+    return "" if b"end_header" in data else "its header does not end"
+
+
+def _fault_of_obj(data: bytes) -> str:
+    short = re.search(rb"(?m)^f(?:[ \t]+\S+){0,2}[ \t]*\r?$", data)
+    return f"it has a face with fewer than three corners, {_shown(short[0])}" if short else ""
+
+
+def _fault_of_off(data: bytes) -> str:
+    """Lines that are missing, of which trimesh takes as many as there are."""
+    start, _, rest = re.sub(rb"#.*", b"", data).partition(b"OFF")
+    lines = [line.split() for line in rest.splitlines() if line.strip()]
+    if start.strip(b"C \t\r\n") or not lines or not all(word.isdigit() for word in lines[0]) or len(lines[0]) < 2:
+        return "it does not begin with OFF and the numbers of vertices and faces"
+    n_vertices, n_faces = (int(word) for word in lines[0][:2])
     if len(lines) - 1 < n_vertices + n_faces:
-        raise ValueError(f"it announces {n_vertices} vertices and {n_faces} faces, and has fewer lines")
+        return f"it announces {n_vertices} vertices and {n_faces} faces, and has {len(lines) - 1} lines of them"
+    last = lines[n_vertices + n_faces]
+    whole = not n_faces or (last[0].isdigit() and len(last) > int(last[0]))
+    return "" if whole else f"its last face is {_shown(b' '.join(last))}"
 
 
-def _plain_obj(data: bytes) -> tuple[bytes, list[str]]:
-    """An OBJ file without normals, and what it says of its material.
+def _fault_of_stl(data: bytes) -> str:
+    """A length that is not the one announced, for which trimesh would go on to read it as text."""
+    if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
+        return "" if b"endsolid" in data.lower() else "its text does not end with endsolid"
+    if len(data) < 84:
+        return "it is shorter than a header"
+    (count,) = struct.unpack("<I", data[80:84])
+    there = (len(data) - 84) / 50
+    return "" if there == count else f"it announces {count} triangles, and has bytes for {there:.6g}"
+
+
+_FAULTS = {"PLY": _fault_of_ply, "OBJ": _fault_of_obj, "OFF": _fault_of_off, "STL": _fault_of_stl}
+
+
+def _shown(line: bytes) -> str:
+    return repr(line.decode("latin-1").strip())
+
+
+def _utf8(data: bytes) -> bytes:
+    """Text whose comments may be in another encoding."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode()
+    return data
+
+
+def _plain_obj(data: bytes) -> bytes:
+    """An OBJ file without normals.
 
     A vertex with two normals would be read as two: they would tear at creases, and the order would be lost.
     """
-    text = re.sub(rb"(?m)^vn\b.*$", b"", data.replace(b"\r\n", b"\n"))
-    text = re.sub(rb"(?<=[\d])/(-?\d*)/-?\d+", rb"/\1", text)
-    text = re.sub(rb"(?<=[\d])/(?=[\s])", b"", text)
-    return text, [line.decode("utf-8", "replace").strip() for line in re.findall(rb"(?m)^(?:mtllib|usemtl)\b.*$", data)]
+    text = re.sub(rb"(?m)^vn\b.*$", b"", _utf8(data).replace(b"\r\n", b"\n"))
+    # a corner is vertex/texture/normal, of which the texture may be missing
+    text = re.sub(rb"(?<=\d)/(-?\d*)/-?\d+", rb"/\1", text)
+    return re.sub(rb"(?<=\d)/(?=\s)", b"", text)
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike | None = None) -> None:

@@ -112,7 +112,8 @@ def _pair_like(dtype: np.dtype[Any]) -> Maker:
 
 
 def _of_trimesh(mesh: Any) -> _Found | None:
-    if not hasattr(mesh, "face_normals") or not hasattr(mesh, "vertices"):
+    # of the type: to ask the mesh for its normals would compute them
+    if not hasattr(type(mesh), "face_normals") or not hasattr(mesh, "vertices"):
         return None
 
     def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:

@@ -51,8 +51,7 @@ def draw(quick: bool, backend: str) -> tuple[Any, dict[str, Any]]:
             "share of the volume": round(gr.metrics.volume(mesh) / gr.metrics.volume(clean), 4),
         }
         numbers[title] = found
-        titles[
-            f"{title}\n{found['normal angle error']:.1f} degrees, {100 * found['share of the volume']:.1f} % of the volume"
-        ] = mesh
+        percent = 100 * found["share of the volume"]
+        titles[f"{title}\n{found['normal angle error']:.1f} degrees, {percent:.1f} % of the volume"] = mesh
     caption = f"Figure 6: {name}; p = 2, w = 1/|u - v|^2, {ITERATIONS} iterations on the positions"
     return gr.plot.meshes(titles, caption=caption), numbers
