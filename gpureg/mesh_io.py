@@ -152,9 +152,7 @@ def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, 
         raise MeshError(f"{path} is damaged, truncated or no {kind} file{only}") from error
     parts = list(scene.geometry.values())
     if len(parts) > 1:
-        raise MeshError(
-            f"{path} holds {len(parts)} meshes, by material; join them, or write each to a file of its own"
-        )
+        raise MeshError(f"{path} holds {len(parts)} meshes, by material; join them, or write each to a file of its own")
     if not parts or not isinstance(parts[0], trimesh.Trimesh) or not len(parts[0].faces):
         raise MeshError(f"{path} has no face; gpureg mesh needs triangles, points alone are for gpureg points")
     mesh = parts[0]
@@ -270,6 +268,17 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
         An unknown extension, a folder that does not exist or may not be written, a disk that refuses.
     TypeError, ValueError
         What is no mesh of triangles.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> from gpureg.mesh_io import read_mesh, write_mesh
+    >>> tetrahedron = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_mesh(os.path.join(folder, "a.ply"), tetrahedron)
+    ...     found = read_mesh(os.path.join(folder, "a.ply"))
+    >>> found.faces.shape, found.dtype, float(found.vertices[3, 2])
+    ((4, 3), dtype('float64'), 0.1)
     """
     encoded = encode_mesh(path, mesh, dtype)
     check_place(path)

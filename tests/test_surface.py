@@ -1,4 +1,4 @@
-"""Meshes of several makers: what comes in goes out as the same kind, with its attributes; copies of vertices are one."""
+"""Meshes of several makers: they go out as the kind that came in, with attributes; copies of vertices are one."""
 
 from __future__ import annotations
 
@@ -83,10 +83,12 @@ def test_attributes_follow_the_vertices_that_are_left(kind):
 
 
 def test_normals_of_open3d_are_those_of_the_new_surface():
-    clean = gr.denoise_mesh(as_open3d(), backend="numpy")
+    noisy = as_open3d()
+    clean = gr.denoise_mesh(noisy, backend="numpy")
     found = np.asarray(clean.vertex_normals).copy()
     clean.compute_vertex_normals()
-    assert np.array_equal(found, np.asarray(clean.vertex_normals))
+    assert np.abs(found - np.asarray(clean.vertex_normals)).max() < 1e-12  # sums in another order
+    assert np.abs(found - np.asarray(noisy.vertex_normals)).max() > 0.01
 
 
 def test_faces_of_pyvista_must_be_triangles():
@@ -133,7 +135,7 @@ def test_copies_become_one_in_the_order_of_the_first():
     assert np.array_equal(whole.vertices, NOISY[first])
     assert np.array_equal(whole.vertices[which], soup)
     # the same faces with other coordinates still are the same
-    moved, _ = surface_of((soup + [[1, 2, 3]]) * -2, np.arange(len(soup)).reshape(-1, 3)).welded()
+    moved, _ = surface_of((soup + np.array([1, 2, 3])) * -2, np.arange(len(soup)).reshape(-1, 3)).welded()
     assert np.array_equal(moved.faces, whole.faces)
     surface = surface_of(NOISY, FACES)
     same, which = surface.welded()

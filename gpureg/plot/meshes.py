@@ -265,6 +265,8 @@ def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, s
     outside = np.sign(volume((seen, faces))) if is_watertight((seen, faces)) else 0.0
     faces_us = outside * normals[:, 2] > 0 if outside else normals.any(axis=1)
     order = np.flatnonzero(faces_us)
+    if not len(order):
+        return
     order = order[np.argsort(seen[faces[order], 2].mean(axis=1), kind="stable")]
     corners = faces[order]
     by_vertex = len(colours) == len(seen) and len(colours) != len(faces)
