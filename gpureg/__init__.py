@@ -15,6 +15,7 @@ from .inpaint import inpaint_image
 from .labels import propagate_labels
 from .memory import memory_needed
 from .mesh import denoise_mesh
+from .mesh_io import MeshError, MeshFile, read_mesh, write_mesh
 from .mesh_noise import estimate_mesh_noise
 from .mesh_simplify import simplify_mesh
 from .nearest import patch_graph
@@ -45,6 +46,8 @@ __all__ = [
     "GridGraph",
     "Interrupted",
     "Jacobi",
+    "MeshError",
+    "MeshFile",
     "Path",
     "PhotonNoise",
     "RegionGraph",
@@ -79,6 +82,7 @@ __all__ = [
     "propagate_labels",
     "radius_graph",
     "read_graph",
+    "read_mesh",
     "region_graph",
     "region_values",
     "regularization_path",
@@ -97,4 +101,5 @@ __all__ = [
     "tuning",
     "weights",
     "write_graph",
+    "write_mesh",
 ]

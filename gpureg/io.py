@@ -27,8 +27,10 @@ __all__ = [
     "Picture",
     "PictureError",
     "check_destination",
+    "check_place",
     "read_picture",
     "write_atomically",
+    "write_files",
     "write_picture",
     "write_pictures",
 ]
@@ -155,19 +157,15 @@ def _with_png_profile(data: bytes, profile: bytes) -> bytes:
     return data[:end_of_header] + chunk + data[end_of_header:]
 
 
-def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
-    """Check, before work is spent on it, that a picture can be written there.
+def check_place(path: str | os.PathLike[str]) -> None:
+    """Check, before work is spent on it, that a file can be written there.
 
     Raises
     ------
     PictureError
-        An unknown extension, a folder that does not exist or may not be written, a format that does not hold the
-        picture.
+        A folder that does not exist or may not be written, a file that may not, or a folder of that name.
     """
     target = Path(os.path.realpath(path))
-    kind = FORMATS.get(Path(path).suffix.lower())
-    if kind is None:
-        raise PictureError(f"{path}: the extension must be one of {', '.join(FORMATS)}")
     try:
         if not target.parent.is_dir():
             raise PictureError(f"{path}: the folder {Path(path).parent} does not exist")
@@ -179,6 +177,20 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
         raise
     except OSError as error:  # a name that is too long, for one
         raise PictureError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
+    """Check, before work is spent on it, that a picture can be written there.
+
+    Raises
+    ------
+    PictureError
+        An unknown extension, a place that :func:`check_place` refuses, a format that does not hold the picture.
+    """
+    kind = FORMATS.get(Path(path).suffix.lower())
+    if kind is None:
+        raise PictureError(f"{path}: the extension must be one of {', '.join(FORMATS)}")
+    check_place(path)
     if picture is None:
         return
     if kind != "TIFF" and picture.is_stack:
@@ -219,15 +231,16 @@ def write_pictures(pictures: Mapping[Path, Picture]) -> None:
     """
     for path, picture in pictures.items():
         check_destination(path, picture)
-    _write_all({path: partial(_write, FORMATS[path.suffix.lower()], picture) for path, picture in pictures.items()})
+    write_files({path: partial(_write, FORMATS[path.suffix.lower()], picture) for path, picture in pictures.items()})
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
     """Call `write` with a temporary name in the folder of `path`, then rename; nothing is left behind on failure."""
-    _write_all({Path(path): write})
+    write_files({Path(path): write})
 
 
-def _write_all(writes: Mapping[Path, Callable[[Path], Any]]) -> None:
+def write_files(writes: Mapping[Path, Callable[[Path], Any]]) -> None:
+    """Write files as :func:`write_atomically` does, all or none: none is renamed before the last is written."""
     with contextlib.ExitStack() as temporaries:
         written: list[tuple[Path, Path, Path]] = []
         for path, write in writes.items():

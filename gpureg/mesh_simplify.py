@@ -145,7 +145,11 @@ def simplified(
     surface: Surface,
     *,
     n_vertices: int | None = None,
+    p: float = 0.1,
+    lam: float = 0.001,
     weights: Weights | npt.ArrayLike | None = None,
+    eps: float = 1e-3,
+    max_iter: int = 500,
     **model: Any,
 ) -> MeshSimplification:
     """:func:`simplify_mesh` of a surface, with all that there is to say about it.
@@ -161,6 +165,7 @@ def simplified(
     if n_vertices is not None and n_vertices < 4:
         raise ValueError(f"n_vertices must be at least 4, those of a tetrahedron; got {n_vertices}")
     least = 0 if n_vertices is None else int(n_vertices)
+    model |= {"p": p, "lam": lam, "eps": eps, "max_iter": max_iter}
     whole, which = surface.welded()
     labels, kept = which, _first(which, len(whole.vertices))
     v, faces = whole.vertices, whole.faces

@@ -171,7 +171,8 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     part = f[inside]
     with np.errstate(over="ignore"):
         spread = part.max(axis=0).astype(np.float64) - part.min(axis=0) if len(part) else np.zeros(1)
-    reach = math.hypot(*spread.tolist())
+    # where f is level every edge has the length of the compactness alone
+    reach = math.hypot(*spread.tolist()) or compactness
     if math.isinf(reach):
         raise ValueError(f"the range of f must be below {np.finfo(np.float64).max:.2g}: scale it")
     unit = 2.0 ** max(math.frexp(reach)[1] - _BITS, _LEAST) if reach > 0 else 1.0

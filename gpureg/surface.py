@@ -47,11 +47,15 @@ class Surface:
         Files such as STL repeat a vertex for each of its faces, others at the seams of textures: to a graph such
         copies would be borders, along which the surface tears.
         """
-        points, which = np.unique(self.vertices, axis=0, return_inverse=True)
-        which = which.ravel()
+        points, first, which = np.unique(self.vertices, axis=0, return_index=True, return_inverse=True)
         if len(points) == len(self.vertices):
             return self, np.arange(len(points))
-        return replace(self, vertices=points, faces=which[self.faces]), which
+        # in the order in which they came first, so that meshes with the same faces still have the same
+        order = np.argsort(first)
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        which = place[which.ravel()]
+        return replace(self, vertices=points[order], faces=which[self.faces]), which
 
 
 def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
@@ -108,7 +112,8 @@ def _pair_like(dtype: np.dtype[Any]) -> Maker:
 
 
 def _of_trimesh(mesh: Any) -> _Found | None:
-    if not hasattr(mesh, "face_normals") or not hasattr(mesh, "vertices"):
+    # of the type: to ask the mesh for its normals would compute them
+    if not hasattr(type(mesh), "face_normals") or not hasattr(mesh, "vertices"):
         return None
 
     def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
@@ -117,7 +122,9 @@ def _of_trimesh(mesh: Any) -> _Found | None:
             copy.vertices = vertices
             return copy
         colours = mesh.visual.vertex_colors[kept] if getattr(mesh.visual, "kind", None) == "vertex" else None
-        return type(mesh)(vertices=vertices, faces=faces, vertex_colors=colours, process=False)
+        made = type(mesh)(vertices=vertices, faces=faces, vertex_colors=colours, process=False)
+        made.vertex_attributes.update({name: np.asarray(x)[kept] for name, x in mesh.vertex_attributes.items()})
+        return made
 
     return mesh.vertices, mesh.faces, make
 

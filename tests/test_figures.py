@@ -62,7 +62,9 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
     assert command.main([str(tmp_path / "new"), "--quick", "--backend", "numpy"]) == 0
     written = sorted(path.name for path in (tmp_path / "new").iterdir())
     assert written == [
-        f"{name}.{kind}" for name in ("figure_1", "figure_2", "figure_4", "solvers") for kind in ("json", "png")
+        f"{name}.{kind}"
+        for name in ("figure_1", "figure_2", "figure_4", "figure_6", "solvers")
+        for kind in ("json", "png")
     ]
     assert capsys.readouterr().out.split() == [str(tmp_path / "new" / name) for name in written[1::2]]
     for name, degrees in (("figure_1", 6), ("figure_2", 4)):
@@ -76,6 +78,12 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
     chain = json.loads((tmp_path / "new" / "figure_4.json").read_text("utf-8"))
     assert chain["iterations"] == 30 and 0 < chain["percent"] <= 10
     assert chain["psnr of the fine partition"] > chain["psnr of the regularized one"] > 15
+    smoothed = json.loads((tmp_path / "new" / "figure_6.json").read_text("utf-8"))
+    free, fitted = smoothed["lam = 0"], smoothed["with the fit term"]
+    # the paper's words of figures 5 and 6: without the fit term the mesh shrinks
+    assert free["share of the volume"] < 0.85 < fitted["share of the volume"] < 1.01  # measured 0.78 and 0.90
+    assert free["vertex error in edges"] > 1.5 * fitted["vertex error in edges"]  # measured 0.47 and 0.22
+    assert fitted["normal angle error"] < 0.3 * smoothed["noisy"]["normal angle error"]  # measured 0.2
     courses = json.loads((tmp_path / "new" / "solvers.json").read_text("utf-8"))
     assert list(courses) == ["p = 1", "p = 1.5", "p = 2", "p = 3"]
     for panel in courses.values():

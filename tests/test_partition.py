@@ -196,6 +196,17 @@ def test_any_grid(seed):
     assert np.array_equal(best[1], exact[1])
 
 
+def test_level_function_takes_any_compactness():
+    """Where f is level, the zones of any compactness are those of the distance in edges."""
+    line = gr.GridGraph(5)
+    labels, energy = gr.energy_partition(
+        np.full(5, 3.0), line, [0, -1, -1, -1, 1], compactness=7e300, return_energy=True, backend="numpy"
+    )
+    assert labels.tolist() == [0, 0, 0, 1, 1]
+    # lengths are whole numbers of 24 bits
+    assert energy / 7e300 == pytest.approx([0, 1, 2, 1, 0], rel=2.0**-24)
+
+
 @pytest.mark.one_driver
 def test_a_photograph(device, data_folder):
     """camera: the zones of all its extrema, as scipy's Dijkstra has them; each is one piece."""

@@ -2,7 +2,8 @@
 
 from .comparison import compare, quality
 from .energies import energy
+from .meshes import meshes
 from .neighbourhood import neighbours
 from .simplification import simplification
 
-__all__ = ["compare", "energy", "neighbours", "quality", "simplification"]
+__all__ = ["compare", "energy", "meshes", "neighbours", "quality", "simplification"]

@@ -1,0 +1,305 @@
+"""Pictures of triangle meshes, side by side under one camera and one light, without a screen (figures 5 to 8)."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graph import FloatArray, unmasked
+from ..mesh_noise import vertex_normals
+from ..metrics import is_watertight, volume
+from ..surface import Surface, face_normals, face_vectors, surface_of
+from .canvas import Path_, check_path, finish, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Shading = Literal["flat", "smooth"]
+Axis = Literal["x", "y", "z"]
+
+# Inches of a panel's longer side, and panels in a row.
+_PANEL, _ACROSS = 4.6, 4
+# Letters of the caption that an inch holds.
+_LETTERS = 12
+
+_CLAY = (0.80, 0.79, 0.76)
+# Towards two lights, in the camera's frame (right, up, to the viewer), as long as these are strong, and the light that
+# comes from everywhere.
+_LIGHTS, _AMBIENT = np.array([[-0.36, 0.44, 0.56], [0.26, -0.05, 0.15]]), 0.24
+
+
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """Directions to the right, up and to the viewer, as rows, and the point that is in the middle."""
+
+    frame: FloatArray
+    middle: FloatArray
+
+    def seen(self, points: FloatArray) -> FloatArray:
+        """Points as (right, up, towards the viewer)."""
+        turned: FloatArray = (points - self.middle) @ self.frame.T
+        return turned
+
+
+def meshes(
+    meshes: Mapping[str, Any] | Sequence[Any],
+    *,
+    view: tuple[float, float] | Literal["auto"] = "auto",
+    up: Axis | None = None,
+    values: Sequence[npt.ArrayLike] | None = None,
+    shading: Shading = "flat",
+    edges: bool = False,
+    caption: str = "",
+    path: Path_ | None = None,
+) -> Figure:
+    """Draw meshes side by side, in parallel projection, from one side and at one scale.
+
+    Parameters
+    ----------
+    meshes : sequence or mapping of meshes
+        Each as :func:`gpureg.denoise_mesh` takes it; of a mapping the keys are titles.
+    view : (azimuth, elevation) or "auto", default "auto"
+        Where the viewer is, in degrees: the elevation above the horizon, the azimuth around the axis that is up, 0 on
+        the axis that follows it (x after z, y after x, z after y). "auto" looks where the first mesh is widest, along
+        the direction of least variance, from somewhat above and aside.
+    up : {"x", "y", "z"}, optional
+        The axis that is up; None is y, as in most files of scans and models, or z where y points at the viewer.
+    values : sequence of arrays, optional
+        For each mesh what to colour it by: a number per vertex or face, drawn with a bar; or red, green and blue
+        between 0 and 1. None draws them in one colour.
+    shading : {"flat", "smooth"}, default "flat"
+        "flat" lights each face by itself, which shows every one; "smooth" shades between the vertices.
+    edges : bool, default False
+        Whether to draw the edges.
+    caption : str, optional
+        A line below.
+    path : path, optional
+        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written; nothing is left behind then.
+    TypeError, ValueError
+        What is no mesh, values of another length, an extension that is no picture's.
+
+    Notes
+    -----
+    Faces are drawn from the farthest to the nearest by the depth of their middles. Those that look away are left out
+    of closed meshes, and lit like the others in open ones.
+    """
+    check_path(path)
+    if shading not in get_args(Shading):
+        raise ValueError(f'shading must be "flat" or "smooth", got {shading!r}')
+    titles, surfaces = _listed(meshes)
+    painted = _colours(values, surfaces)
+    camera = _camera(surfaces[0], view, up)
+    seen = [camera.seen(surface.vertices) for surface in surfaces]
+    used = [points[np.unique(surface.faces)] for points, surface in zip(seen, surfaces, strict=True)]
+    low, high = (end(np.concatenate(used)[:, :2], axis=0) for end in (np.min, np.max))
+    size = np.maximum(high - low, 1e-12 + 0.02 * (high - low).max())
+    figure, panels = _panels(size, titles, caption, bar=painted.bar is not None)
+    for axes, title, surface, points, colours in zip(panels, titles, surfaces, seen, painted.colours, strict=True):
+        _draw(axes, surface, points, colours, shading, edges)
+        middle = (low + high) / 2
+        axes.set_xlim(middle[0] - 0.51 * size[0], middle[0] + 0.51 * size[0])
+        axes.set_ylim(middle[1] - 0.51 * size[1], middle[1] + 0.51 * size[1])
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=11)
+    if painted.bar is not None:
+        width, height = figure.get_size_inches()
+        long = min(0.8 * height, _PANEL)
+        figure.colorbar(
+            painted.bar, cax=figure.add_axes((1 - 1.0 / width, 0.5 - long / height / 2, 0.18 / width, long / height))
+        )
+    return finish(figure, path)
+
+
+def _listed(meshes: Mapping[str, Any] | Sequence[Any]) -> tuple[list[str], list[Surface]]:
+    if isinstance(meshes, Mapping):
+        titles, given = [str(title) for title in meshes], list(meshes.values())
+    elif isinstance(meshes, Sequence):
+        titles, given = [""] * len(meshes), list(meshes)
+    else:
+        raise TypeError(f"meshes must be a sequence of meshes, or a mapping of titles to such, got {type(meshes)}")
+    if not given:
+        raise ValueError("there is no mesh to draw")
+    try:
+        return titles, [surface_of(mesh) for mesh in given]
+    except TypeError as error:
+        raise TypeError(f"{error}; one mesh is drawn as a sequence of one") from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Painted:
+    """Colours of each mesh, (k, 3), by vertex or by face, and what a colour bar shows."""
+
+    colours: list[FloatArray]
+    bar: Any = None
+
+
+def _colours(values: Sequence[npt.ArrayLike] | None, surfaces: Sequence[Surface]) -> _Painted:
+    if values is None:
+        return _Painted([np.broadcast_to(_CLAY, (len(surface.faces), 3)) for surface in surfaces])
+    if len(values) != len(surfaces):
+        raise ValueError(f"values must hold an array for each of the {len(surfaces)} meshes, got {len(values)}")
+    arrays = []
+    for k, (given, surface) in enumerate(zip(values, surfaces, strict=True)):
+        array = unmasked(given, "values").astype(np.float64)
+        counts = (len(surface.vertices), len(surface.faces))
+        if array.ndim not in (1, 2) or len(array) not in counts or array.shape[1:] not in ((), (3,)):
+            raise ValueError(
+                f"values[{k}] must have a number, or three, for each of {counts[0]} vertices or {counts[1]} faces, "
+                f"got shape {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise ValueError(f"values[{k}] must be finite")
+        arrays.append(array)
+    numbers = [array for array in arrays if array.ndim == 1]
+    if not numbers:
+        return _Painted([np.clip(array, 0, 1) for array in arrays])
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    low, high = min(array.min() for array in numbers), max(array.max() for array in numbers)
+    bar = ScalarMappable(Normalize(low, high if high > low else low + 1), colormaps["viridis"])
+    return _Painted([bar.to_rgba(array)[:, :3] if array.ndim == 1 else np.clip(array, 0, 1) for array in arrays], bar)
+
+
+def _camera(surface: Surface, view: tuple[float, float] | Literal["auto"], up: Axis | None) -> _Camera:
+    points = surface.vertices[np.unique(surface.faces)]
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    names = get_args(Axis)
+    if up is not None and up not in names:
+        raise ValueError(f'up must be "x", "y" or "z", got {up!r}')
+    if view == "auto":
+        _, directions = np.linalg.eigh(np.cov(points.T))
+        towards = _to_the_front(directions[:, 0], surface)
+        if up is None:
+            up = "y" if abs(towards[1]) < 0.8 else "z"
+        upward = np.eye(3)[names.index(up)]
+        right = _unit(np.cross(upward, towards), np.roll(upward, 1))
+        towards = _unit(_unit(towards - (towards @ upward) * upward, np.cross(right, upward)), upward)
+        # somewhat from above and aside
+        towards = np.cos(np.radians(28)) * towards - np.sin(np.radians(28)) * np.cross(upward, towards)
+        towards = np.cos(np.radians(18)) * towards + np.sin(np.radians(18)) * upward
+    else:
+        azimuth, elevation = _angles(view)
+        upward = np.eye(3)[names.index(up or "y")]
+        ahead = np.roll(upward, 1)
+        side = np.cross(upward, ahead)
+        level = np.cos(azimuth) * ahead + np.sin(azimuth) * side
+        towards = np.cos(elevation) * level + np.sin(elevation) * upward
+        if abs(towards @ upward) > 1 - 1e-9:
+            # from straight above, what is behind is up
+            upward = -level
+    right = _unit(np.cross(upward, towards), np.roll(upward, 1))
+    return _Camera(np.stack([right, np.cross(towards, right), towards]), middle)
+
+
+def _to_the_front(direction: FloatArray, surface: Surface) -> FloatArray:
+    """Of the two senses of a direction that to which an open surface turns its front; the axes' one of closed ones."""
+    vectors = face_vectors(surface.vertices, surface.faces)
+    net = float(vectors.sum(axis=0) @ direction)
+    if abs(net) < 0.05 * np.linalg.norm(vectors, axis=1).sum():
+        net = float(direction[np.abs(direction).argmax()])
+    return direction if net > 0 else -direction
+
+
+def _angles(view: Any) -> FloatArray:
+    angles = np.asarray(view, dtype=np.float64) if not isinstance(view, str) else np.empty(0)
+    if angles.shape != (2,) or not np.isfinite(angles).all() or abs(angles[1]) > 90:
+        raise ValueError(f'view must be "auto" or (azimuth, elevation) in degrees, the latter at most 90, got {view!r}')
+    radians: FloatArray = np.radians(angles)
+    return radians
+
+
+def _unit(vector: FloatArray, instead: FloatArray) -> FloatArray:
+    length = np.linalg.norm(vector)
+    return vector / length if length > 1e-9 else instead
+
+
+def _panels(size: FloatArray, titles: Sequence[str], caption: str, *, bar: bool) -> tuple[Figure, list[Axes]]:
+    """A figure and a panel for each mesh, in rows, all as wide and as high as `size` says."""
+    across = min(len(titles), _ACROSS)
+    down = -(-len(titles) // across)
+    width, height = np.maximum(_PANEL * size / size.max(), [2.4, 1.2])
+    titled = 0.15 + 0.2 * max(title.count("\n") + bool(title) for title in titles)
+    total = [across * (width + 0.1) + 0.1 + (1.1 if bar else 0), 0.0]
+    lines = [part for line in caption.splitlines() for part in textwrap.wrap(line, int(total[0] * _LETTERS))]
+    below = 0.12 + 0.2 * len(lines)
+    total[1] = down * (height + titled) + below
+    figure = new_figure(total[0], total[1])
+    panels = []
+    for k in range(len(titles)):
+        row, column = divmod(k, across)
+        left, bottom = 0.1 + column * (width + 0.1), total[1] - (row + 1) * (height + titled)
+        panels.append(figure.add_axes((left / total[0], bottom / total[1], width / total[0], height / total[1])))
+    if lines:
+        figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
+    return figure, panels
+
+
+def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, shading: Shading, edges: bool) -> None:
+    """Faces from far to near, as one collection."""
+    from matplotlib.collections import PolyCollection, TriMesh
+    from matplotlib.tri import Triangulation
+
+    faces = surface.faces
+    normals = face_normals(seen, faces)
+    # a closed surface hides its inside; of an open one both sides are seen, and lit
+    outside = np.sign(volume((seen, faces))) if is_watertight((seen, faces)) else 0.0
+    faces_us = outside * normals[:, 2] > 0 if outside else normals.any(axis=1)
+    order = np.flatnonzero(faces_us)
+    if not len(order):
+        return
+    order = order[np.argsort(seen[faces[order], 2].mean(axis=1), kind="stable")]
+    corners = faces[order]
+    by_vertex = len(colours) == len(seen) and len(colours) != len(faces)
+    outlines: Any = seen[corners, :2]
+    line: dict[str, Any] = {"edgecolors": (0.15, 0.15, 0.2, 0.6), "linewidths": 0.25, "rasterized": True}
+    # as lines and areas of a .pdf or .svg this many faces would be megabytes: they go in as a picture
+    if shading == "smooth":
+        whole, which = Surface(seen, faces, surface.make).welded()
+        light = _light(vertex_normals(whole.vertices, whole.faces), outside)[which]
+        base = colours if by_vertex else _at_vertices(colours, faces, len(seen))
+        drawn = TriMesh(Triangulation(seen[:, 0], seen[:, 1], corners), rasterized=True)
+        drawn.set_facecolor(np.clip(base * light[:, None], 0, 1))
+        axes.add_collection(drawn)
+        if edges:
+            axes.add_collection(PolyCollection(outlines, facecolors="none", **line))
+        return
+    base = colours[corners].mean(axis=1) if by_vertex else colours[order]
+    shown = np.clip(base * _light(normals[order], outside)[:, None], 0, 1)
+    if not edges:
+        # a line in the face's colour closes the seams that smooth outlines leave between neighbours
+        line |= {"edgecolors": "face", "linewidths": 0.3}
+    axes.add_collection(PolyCollection(outlines, facecolors=shown, **line))
+
+
+def _light(normals: FloatArray, outside: float) -> FloatArray:
+    """How bright surfaces with these unit normals are (Lambert), on the side `outside`, or that which is seen."""
+    lit = normals * (outside or np.where(normals[:, 2:] < 0, -1, 1))
+    bright: FloatArray = _AMBIENT + np.maximum(lit @ _LIGHTS.T, 0).sum(axis=1)
+    return bright
+
+
+def _at_vertices(colours: FloatArray, faces: npt.NDArray[Any], n: int) -> FloatArray:
+    """The mean colour of the faces around each vertex."""
+    count = np.maximum(np.bincount(faces.ravel(), minlength=n), 1)
+    sums = [np.bincount(faces.ravel(), weights=np.repeat(c, 3), minlength=n) for c in colours.T]
+    return np.stack(sums, axis=1) / count[:, None]
