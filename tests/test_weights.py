@@ -125,3 +125,15 @@ def test_weights_that_do_not_fit_the_graph() -> None:
     ):
         with pytest.raises(ValueError, match=says):
             gr.regularize(f0, made, weights=weights, backend="numpy")
+
+
+def test_points_that_all_but_coincide(device):
+    """1/d^2 beyond the type gets a sentence; float64 holds it."""
+    points = np.random.default_rng(8).random((30, 2))
+    points[:2] = [[0, 0], [1e-22, 0]]
+    graph = gr.knn_graph(points, 4)
+    weights = gr.weights.inverse_distance(2)
+    with pytest.raises(ValueError, match=r"largest weight, 1e\+44, is beyond float32: join vertices"):
+        gr.regularize(points, graph, weights=weights, dtype=np.float32, backend=device)
+    result = gr.regularize(points, graph, weights=weights, dtype=np.float64, backend=device)
+    assert np.isfinite(result.value).all()

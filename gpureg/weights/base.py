@@ -81,7 +81,13 @@ class EdgeWeights(Weights):
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, on the backend's device."""
         if isinstance(graph, Graph):
-            return backend.prepare(graph, self._of_stored(graph, f0))
+            values = self._of_stored(graph, f0)
+            if values.size and (largest := float(values.max())) > np.finfo(backend.dtype).max:
+                raise ValueError(
+                    f"the largest weight, {largest:.3g}, is beyond {np.dtype(backend.dtype)}: join vertices that all "
+                    "but coincide, rescale, or use dtype=float64"
+                )
+            return backend.prepare(graph, values)
         half = np.zeros((graph.half_window, *graph.shape), backend.dtype)
         vertices = np.arange(graph.n_vertices).reshape(graph.shape)
         for plane, step in zip(half, graph.forward_offsets, strict=True):
