@@ -24,6 +24,7 @@ from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
+from .points import denoise_points, estimate_point_noise
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
 from .regions import Regions
@@ -62,11 +63,13 @@ __all__ = [
     "denoise_image",
     "denoise_mesh",
     "denoise_nl_means",
+    "denoise_points",
     "denoise_tv",
     "energy_partition",
     "estimate_mesh_noise",
     "estimate_noise",
     "estimate_photon_noise",
+    "estimate_point_noise",
     "face_graph",
     "from_networkx",
     "inpaint_image",

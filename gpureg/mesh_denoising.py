@@ -12,13 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .build import mesh_graph
-from .graph import FloatArray, Graph, IntArray, all_finite, unmasked
+from .graph import FloatArray, Graph, IntArray
 from .mesh_noise import noise_along_normals, noise_on_graph
 from .normals import fitted_vertices, regularized_normals
 from .regularization import regularize
 from .result import Result
 from .solvers import Jacobi
 from .surface import Surface, border_vertices
+from .vertex_values import check_size, checked_flags, checked_values, fidelity_to_values
 from .weights import Weights, cotangent
 
 Filter = Literal["normals", "vertices"]
@@ -140,14 +141,14 @@ def denoised(
     k = len(whole.vertices)
     pinned = np.zeros(k, bool)
     if fixed is not None:
-        pinned[which[_flags(fixed, n)]] = True
+        pinned[which[checked_flags("fixed", fixed, n)]] = True
     if fix_border:
         pinned |= border_vertices(whole.faces, k)
     fidelity = None if lam is None else _fidelity(lam, which, k)
     pinned |= np.isinf(0.0 if fidelity is None else fidelity)
     # far from the origin single precision has too few digits for details
     positions = whole.vertices - whole.vertices.mean(axis=0)
-    given = None if values is None else _function(values, n)
+    given = None if values is None else checked_values(values, n)
     task = _Task(
         whole.faces,
         mesh_graph(positions, whole.faces),
@@ -214,10 +215,7 @@ class _Task:
         """Values other than positions."""
         sigma = noise_on_graph(self.f0, self.graph) if self.sigma is None else self.sigma
         p = 1.0 if self.p is None else self.p
-        degree = self.graph.n_edges / self.graph.n_vertices
-        # all channels have one gradient norm, of the noise of all
-        together = sigma * math.sqrt(self.f0.shape[1])
-        lam = 1.1 * degree ** (p / 2) * together ** (p - 2) if sigma > 0 else math.inf
+        lam = fidelity_to_values(self.graph, sigma, p, self.f0.shape[1])
         return self._regularized("values", sigma, self.sigma is None, p, lam)
 
     def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> _Found:
@@ -271,32 +269,8 @@ def _check(
         raise ValueError("Taubin's pair knows no p, lam or sigma: leave them out, or taubin")
     if values is not None and max_displacement is not None:
         raise ValueError("max_displacement bounds how far vertices move; values stay where they are")
-    for name, value in (("sigma", sigma), ("max_displacement", max_displacement)):
-        if value is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-            raise TypeError(f"{name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and >= 0, got {value}")
-
-
-def _flags(fixed: npt.ArrayLike, n: int) -> npt.NDArray[np.bool_]:
-    flags = np.asarray(fixed)
-    if flags.dtype != np.bool_ or flags.shape != (n,):
-        raise ValueError(f"fixed must be boolean of shape ({n},), one per vertex, got {flags.dtype} of {flags.shape}")
-    return flags
-
-
-def _function(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
-    """Values as (n, m), in their type where it is one of floating point."""
-    f = unmasked(values, "values")
-    if f.dtype.kind not in "biuf":
-        raise TypeError(f"values must be real numbers, got {f.dtype}")
-    if f.ndim not in (1, 2) or len(f) != n or f.size == 0:
-        raise ValueError(f"values must have shape ({n},) or ({n}, m), a row per vertex, got {f.shape}")
-    if not all_finite(f):
-        raise ValueError("values must be finite: give lam=0 and any value where there is none")
-    return f.astype(f.dtype if f.dtype.kind == "f" else np.float64).reshape(n, -1)
+    check_size("sigma", sigma)
+    check_size("max_displacement", max_displacement)
 
 
 def _fidelity(lam: Any, which: IntArray, k: int) -> float | FloatArray:

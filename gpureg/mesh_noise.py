@@ -43,10 +43,11 @@ def second_differences(f: FloatArray, graph: Graph, first: FloatArray | None = N
     rows = np.flatnonzero(np.diff(graph.indptr) > 0)
     rows = rows[:: -(-len(rows) // _MOST) or 1]
     once = f - M @ f if first is None else first
+    once = once[:, None] if once.ndim == 1 else once
     T = sparse.csr_array(sparse.eye_array(n, format="csr") - M)
     part = T[rows]
     growth = np.sqrt(np.asarray((part @ T).power(2).sum(axis=1)).ravel())
-    twice: FloatArray = (part @ once).reshape(len(rows), -1) / growth[:, None]
+    twice: FloatArray = (part @ once) / growth[:, None]
     return twice
 
 

@@ -1,0 +1,64 @@
+"""Point clouds of whoever's making, as an array of points, and back: :class:`Cloud`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .build import checked_points
+from .graph import FloatArray
+
+KINDS = "an array (n, d), or a cloud of trimesh, PyVista or Open3D"
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points (n, d), and how to make a cloud of the kind they came in, with other points in the same order."""
+
+    points: FloatArray
+    like: Callable[[FloatArray], Any]
+
+
+def cloud_of(points: Any) -> Cloud:
+    """The cloud of points of any kind that is known, checked.
+
+    Parameters
+    ----------
+    points : (n, d) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
+
+    Raises
+    ------
+    TypeError, ValueError
+        Another kind of thing, points that are not finite, a mesh with faces.
+    """
+    # of the type: to ask a mesh for its normals would compute them
+    if hasattr(type(points), "face_normals") or len(getattr(points, "triangles", ())):
+        raise TypeError("this is a mesh with faces: gpureg.denoise_mesh is for it, or give its vertices alone")
+    if hasattr(points, "point_data") and hasattr(points, "points"):  # PyVista
+        return Cloud(checked_points(points.points), lambda moved: _copied(points, "points", moved))
+    if hasattr(points, "vertices") and hasattr(points, "copy"):  # trimesh
+        return Cloud(checked_points(points.vertices), lambda moved: _copied(points, "vertices", moved))
+    if hasattr(points, "has_points") and hasattr(points, "points"):  # Open3D
+        return Cloud(checked_points(np.asarray(points.points)), lambda moved: _open3d(points, moved))
+    if not isinstance(points, list | tuple) and not hasattr(points, "__array__"):
+        raise TypeError(f"points must be {KINDS}; got {type(points).__name__}")
+    found = checked_points(points)
+    dtype = np.asarray(points).dtype
+    kind = dtype if dtype.kind == "f" else np.dtype(np.float64)
+    return Cloud(found, lambda moved: moved.astype(kind))
+
+
+def _copied(cloud: Any, name: str, moved: FloatArray) -> Any:
+    copy = cloud.copy()
+    setattr(copy, name, moved)
+    return copy
+
+
+def _open3d(cloud: Any, moved: FloatArray) -> Any:
+    copy = type(cloud)(cloud)
+    # its vectors are made of arrays by their own type
+    copy.points = type(cloud.points)(moved)
+    return copy

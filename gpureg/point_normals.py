@@ -1,0 +1,149 @@
+"""Normals of point clouds as a function on the graph of neighbours, without a side: noise, estimates, fitted points.
+
+A point knows its normal n, but not which of n and -n: what is regularized is the projector n n^T, the same for both.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .graph import FloatArray, Graph, IntArray
+
+# Points treated at a time, whose neighbourhoods are some 100 MB.
+_PIECE = 1 << 16
+# Neighbours by whose paraboloids the noise is estimated.
+_PARABOLOID = 16
+
+
+class Planes(NamedTuple):
+    """The plane that fits each point's neighbourhood best.
+
+    Attributes
+    ----------
+    normals : (n, d) float array
+        Unit vectors.
+    extent : (n,) float array
+        Standard deviation of the neighbourhood along the narrowest direction within the plane.
+    """
+
+    normals: FloatArray
+    extent: FloatArray
+
+
+def nearest(points: FloatArray, k: int) -> IntArray:
+    """The point itself and the `k` nearest others of each point, (n, k + 1); fewer where there are fewer."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(points).query(points, min(k, len(points) - 1) + 1, workers=-1)[1]
+    found: IntArray = near.reshape(len(points), -1)
+    return found
+
+
+def spacing_of(points: FloatArray) -> float:
+    """Median distance from a point to the nearest other one; 0 where most points coincide."""
+    from scipy.spatial import cKDTree
+
+    if len(points) < 2:
+        return 0.0
+    distance = np.asarray(cKDTree(points).query(points, 2, workers=-1)[0])
+    return float(np.median(distance[:, 1]))
+
+
+def planes(points: FloatArray, near: IntArray) -> Planes:
+    """The planes through neighbourhoods, by their principal components."""
+    normals, extent = np.empty_like(points), np.empty(len(points))
+    for begin in range(0, len(points), _PIECE):
+        part = slice(begin, begin + _PIECE)
+        values, vectors = _components(points[near[part]])
+        normals[part] = vectors[:, :, 0]
+        extent[part] = np.sqrt(np.maximum(values[:, 1], 0))
+    return Planes(normals, extent)
+
+
+def _components(around: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Variances along the principal directions of neighbourhoods (q, k, d), the smallest first, and the directions."""
+    centred = around - around.mean(axis=1, keepdims=True)
+    found = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred) / around.shape[1])
+    return found.eigenvalues, found.eigenvectors
+
+
+def noise_along_normals(points: FloatArray) -> float:
+    """Deviation of the noise along the normals, from what paraboloids through neighbourhoods leave.
+
+    The median over the points of the mean square residual, for the degrees of freedom that the fit took. Measured on
+    four surfaces: 0.09 to 0.12 spacings at 0.1, 0.47 to 0.50 at 0.5, up to 0.05 where there is no noise.
+    """
+    n, d = points.shape
+    terms = 1 + (d - 1) + d * (d - 1) // 2
+    near = nearest(points, _PARABOLOID)
+    if near.shape[1] <= terms:
+        return 0.0
+    squares = np.empty(n)
+    for begin in range(0, n, _PIECE):
+        part = slice(begin, begin + _PIECE)
+        around = points[near[part]]
+        directions = _components(around)[1]
+        local = np.einsum("qki,qij->qkj", around - around[:, :1], directions)
+        heights, plane = local[:, :, 0], local[:, :, 1:]
+        scale = np.sqrt((plane**2).mean(axis=(1, 2), keepdims=True))
+        plane = np.divide(plane, scale, out=np.zeros_like(plane), where=scale > 0)
+        products = [plane[:, :, i] * plane[:, :, j] for i in range(d - 1) for j in range(i, d - 1)]
+        A = np.stack([np.ones_like(heights), *np.moveaxis(plane, 2, 0), *products], axis=2)
+        # coincident points or points on a line: the smallest solution of those that fit best
+        normal = np.einsum("qki,qkj->qij", A, A) + 1e-9 * np.eye(terms)
+        fitted = np.linalg.solve(normal, np.einsum("qki,qk->qi", A, heights)[..., None])
+        left = heights - (A @ fitted)[..., 0]
+        squares[part] = (left**2).sum(axis=1) / (near.shape[1] - terms)
+    return float(np.sqrt(np.median(squares)))
+
+
+def projectors(normals: FloatArray) -> FloatArray:
+    """Projectors n n^T of unit vectors as rows (n, d (d + 1)/2), sqrt(2) sin(angle) apart, as the matrices are."""
+    i, j = np.triu_indices(normals.shape[1])
+    rows: FloatArray = normals[:, i] * normals[:, j] * np.where(i == j, 1.0, np.sqrt(2))
+    return rows
+
+
+def directions(rows: FloatArray, d: int) -> FloatArray:
+    """The unit vector whose projector is nearest to each row, (n, d)."""
+    i, j = np.triu_indices(d)
+    matrices = np.zeros((len(rows), d, d))
+    matrices[:, i, j] = matrices[:, j, i] = rows / np.where(i == j, 1.0, np.sqrt(2))
+    vectors: FloatArray = np.linalg.eigh(matrices).eigenvectors[:, :, -1]
+    return vectors
+
+
+def fitted_points(
+    points: FloatArray, graph: Graph, normals: FloatArray, reach: float, moves: FloatArray, steps: int
+) -> FloatArray:
+    """Points moved so that neighbours lie on each other's planes, (n, d).
+
+    Each step moves a point x_u by moves(u)/3 of the mean over its neighbours of (n_u n_u^T + n_v n_v^T)(x_v - x_u),
+    weighted by exp(-|n_u n_u^T - n_v n_v^T|^2 / reach^2): a step down the sum over edges of w ((n_u . (x_v - x_u))^2 +
+    (n_v . (x_v - x_u))^2), the update of Lu, Schaefer, Luo, Ma and He (IEEE TVCG 28(8), 2022).
+    """
+    from scipy import sparse
+
+    n, d = points.shape
+    u, v = graph.edge_rows(), graph.indices
+    rows = projectors(normals)
+    alike = np.exp(-((rows[u] - rows[v]) ** 2).sum(axis=1) / reach**2)
+    W = sparse.csr_array((alike, v, graph.indptr), shape=(n, n))
+    total = W.sum(axis=1)
+    step = np.where(total > 0, moves / (3 * np.where(total > 0, total, 1)), 0)[:, None]
+    outer = (normals[:, :, None] * normals[:, None, :]).reshape(n, -1)
+    around = np.asarray(W @ outer).reshape(n, d, d)
+    x = points.copy()
+    for _ in range(steps):
+        own = (normals * (W @ x - total[:, None] * x)).sum(axis=1, keepdims=True) * normals
+        theirs = W @ (normals * (normals * x).sum(axis=1, keepdims=True)) - np.einsum("nij,nj->ni", around, x)
+        x += step * (own + theirs)
+    return x
+
+
+def tilt(extent: FloatArray, sigma: float, k: int) -> float:
+    """How far noise turns the projectors of planes through `k` + 1 points: the median sqrt(2) sin(angle), expected."""
+    wide = extent[extent > 0]
+    return float(np.median(np.minimum(np.sqrt(2) * sigma / (np.sqrt(k + 1) * wide), 1))) if len(wide) else 0.0
