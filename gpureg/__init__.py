@@ -5,6 +5,7 @@ from __future__ import annotations
 from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
 from .backends import BackendUnavailable
 from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
+from .cluster import cluster_points
 from .curve import denoise_curve
 from .curve_simplify import simplify_curve
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
@@ -57,6 +58,7 @@ __all__ = [
     "Skeleton",
     "Stop",
     "__version__",
+    "cluster_points",
     "curve_graph",
     "denoise_bilateral",
     "denoise_curve",
