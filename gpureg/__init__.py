@@ -25,6 +25,7 @@ from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
+from .point_patches import patch_knn_graph, point_patches
 from .points import denoise_points, estimate_point_noise
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
@@ -32,6 +33,7 @@ from .regions import Regions
 from .regularization import regularize
 from .reorder import reordered
 from .result import Interrupted, Result, Stop
+from .segment import MeshSegmentation, segment_mesh
 from .simplify import simplify_image
 from .skeleton import Skeleton, simplify_skeleton, skeleton
 from .solvers import Certified, Check, Euler, Jacobi
@@ -50,6 +52,7 @@ __all__ = [
     "Jacobi",
     "MeshError",
     "MeshFile",
+    "MeshSegmentation",
     "Path",
     "PhotonNoise",
     "RegionGraph",
@@ -81,8 +84,10 @@ __all__ = [
     "metrics",
     "operators",
     "patch_graph",
+    "patch_knn_graph",
     "plan_denoising",
     "plot",
+    "point_patches",
     "presets",
     "propagate_labels",
     "radius_graph",
@@ -95,6 +100,7 @@ __all__ = [
     "reordered",
     "ring_graph",
     "run_plan",
+    "segment_mesh",
     "simplify_curve",
     "simplify_image",
     "simplify_mesh",

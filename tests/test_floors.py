@@ -35,6 +35,7 @@ FLOORS: dict[str, float] = {
     "vertex_values": 1.7,
     "point_cloud": 1.6,
     "point_normals": 1.7,
+    "point_patches": 1.8,
     "point_denoising": 4.7,
     "pieces": 4.6,
     "cluster": 5,

@@ -1,0 +1,202 @@
+"""Patches of point clouds: what lies around a point, laid out on its tangent plane, to compare points by."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .build import checked_points, knn_graph
+from .graph import FloatArray, Graph, IntArray
+from .point_cloud import cloud_of
+from .point_normals import nearest
+from .vertex_values import checked_values
+
+# Points treated at a time.
+_PIECE = 1 << 14
+
+
+def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 16, side: int = 3) -> FloatArray:
+    """What lies around each point of a surface in space: heights over its tangent plane, or values, on a small grid.
+
+    Parameters
+    ----------
+    points : (n, 3) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
+    values : (n,) or (n, m) array, optional
+        Colours or whatever is to be compared. None: the heights of the neighbours over the plane.
+    k : int, default 16
+        Neighbours whom a patch is made of; their distances give its size.
+    side : int, default 3
+        Cells along a side.
+
+    Returns
+    -------
+    (n, side^2 m) float64 array
+        Features for :func:`gpureg.weights.gaussian`, or for :func:`patch_knn_graph`. Never NaN.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What are no points of space, values that do not fit, numbers out of their ranges.
+
+    Notes
+    -----
+    As in Lozes, Elmoataz and Lezoray (IEEE TIP 23(9), 2014): the plane is that of the principal components of the
+    neighbourhood; a cell has the mean of the neighbours' values, weighted by Gaussians, as wide as a cell, of their
+    distance from its centre. The grid is turned so that what is compared does not depend on the coordinates: its first axis is
+    where the values rise most; for heights, where they vary most, the normal on the side of most neighbours. Where
+    there is nothing to tell directions apart, the patch is the same in all of them, up to noise.
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> x, y = (a.ravel() for a in np.mgrid[:9.0, :9.0])
+    >>> roof = np.stack([x, y, np.abs(x - 4)], axis=1)
+    >>> patches = gr.point_patches(roof)
+    >>> ridge, slope = patches[4 * 9 + 4], patches[2 * 9 + 4]
+    >>> bool(np.abs(ridge).max() > 5 * np.abs(slope).max())
+    True
+    """
+    x = cloud_of(points).points
+    if x.shape[1] != 3:
+        raise ValueError(f"patches are those of points of space, (n, 3), got {x.shape}")
+    for name, number, least in (("k", k, 3), ("side", side, 1)):
+        if isinstance(number, bool) or not isinstance(number, int | np.integer):
+            raise TypeError(f"{name} must be an integer, got {number!r}")
+        if number < least:
+            raise ValueError(f"{name} must be at least {least}, got {number}")
+    f = None if values is None else checked_values(values, len(x)).astype(np.float64)
+    near = nearest(x, k)
+    m = 1 if f is None else f.shape[1]
+    patches = np.zeros((len(x), side * side * m))
+    if near.shape[1] < 2:
+        return patches if f is None else np.repeat(f, side * side, axis=1)
+    for begin in range(0, len(x), _PIECE):
+        part = slice(begin, begin + _PIECE)
+        around = x[near[part]] - x[part, None]
+        patches[part] = _laid_out(around, None if f is None else f[near[part]], side)
+    return patches
+
+
+def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> FloatArray:
+    """Patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
+    q = len(around)
+    centred = around - around.mean(axis=1, keepdims=True)
+    frame = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred)).eigenvectors
+    local = np.einsum("qki,qij->qkj", around, frame)
+    heights, plane = local[:, :, 0], local[:, :, 1:]
+    if values is None:
+        # the normal has most neighbours on its side
+        heights = heights * np.where(heights.sum(axis=1, keepdims=True) < 0, -1, 1)
+        strength = np.einsum("qk,qki,qkj->qij", np.abs(heights), plane, plane)
+        first = np.linalg.eigh(strength).eigenvectors[:, :, -1]
+        lean = np.einsum("qk,qk->q", np.abs(heights), np.einsum("qki,qi->qk", plane, first) ** 3)
+        first = first * np.where(lean < 0, -1, 1)[:, None]
+        values = heights[:, :, None]
+    else:
+        brightness = values.mean(axis=2)
+        first = np.einsum("qk,qki->qi", brightness - brightness.mean(axis=1, keepdims=True), plane)
+        length = np.linalg.norm(first, axis=1, keepdims=True)
+        first = np.where(length > 0, first / np.where(length > 0, length, 1), [1.0, 0.0])
+    u = np.einsum("qki,qi->qk", plane, first)
+    # of the two axes at right angles the one to which the values lean
+    w = plane[:, :, 1] * first[:, :1] - plane[:, :, 0] * first[:, 1:]
+    lean = np.einsum("qkm,qk->q", np.abs(values), w**3)
+    w = w * np.where(lean < 0, -1, 1)[:, None]
+    size = np.sqrt((plane**2).sum(axis=2).max(axis=1))
+    cell = np.where(size > 0, 2 * size / side, 1.0)
+    centres = (np.arange(side) - (side - 1) / 2)[None, :] * cell[:, None]
+    # nearest cells get exp(0) at least: the exponents are taken from the least of each cell
+    along = ((u[:, None, :] - centres[:, :, None]) / cell[:, None, None]) ** 2
+    across = ((w[:, None, :] - centres[:, :, None]) / cell[:, None, None]) ** 2
+    exponent = along[:, :, None, :] + across[:, None, :, :]
+    weights = np.exp(exponent.min(axis=3, keepdims=True) - exponent)
+    cells = np.einsum("qabk,qkm->qabm", weights, values) / weights.sum(axis=3)[..., None]
+    laid: FloatArray = cells.reshape(q, -1)
+    return laid
+
+
+def patch_knn_graph(
+    points: Any,
+    values: npt.ArrayLike | None = None,
+    k: int = 8,
+    *,
+    among: int = 64,
+    reach: float = np.inf,
+    features: npt.ArrayLike | None = None,
+    symmetrize: Literal["max", "mutual"] = "max",
+) -> Graph:
+    """Join every point to those whose patches are most like its own, among the nearest: a nonlocal graph.
+
+    Parameters
+    ----------
+    points : (n, 3) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
+        Of any number of coordinates, where `features` are given.
+    values : (n,) or (n, m) array, optional
+        As in :func:`point_patches`.
+    k : int, default 8
+        Neighbours that each point chooses.
+    among : int, default 64
+        How many of the nearest points it chooses from.
+    reach : float, default infinity
+        It chooses none further away than this.
+    features : (n, q) array, optional
+        What is compared instead of patches, one row per point.
+    symmetrize : {"max", "mutual"}, default "max"
+        An edge where either of two points chose the other, or where both did.
+
+    Returns
+    -------
+    Graph
+        Without weights, with the points as positions; `gr.weights.gaussian(features, h)` gives it weights.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`point_patches` and :func:`gpureg.knn_graph`; among below k, features that do not fit.
+
+    Examples
+    --------
+    >>> import gpureg as gr
+    >>> line = [[0.0], [1.0], [2.0], [3.0]]
+    >>> gr.patch_knn_graph(line, k=1, features=[[5], [7], [5], [7]]).indices.tolist()
+    [2, 3, 0, 1]
+    """
+    cloud = cloud_of(points)
+    x = cloud.points
+    local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
+    if isinstance(among, bool) or not isinstance(among, int | np.integer) or among < k:
+        raise ValueError(f"among must be an integer >= k = {k}, got {among!r}")
+    if features is not None and values is not None:
+        raise ValueError("features are what is compared: leave values out, or features")
+    rows = point_patches(cloud.points, values) if features is None else checked_points(features, "features")
+    if len(rows) != len(x):
+        raise ValueError(f"features must have {len(x)} rows, one per point, got {len(rows)}")
+    if len(x) < 2:
+        return local
+    near = nearest(x, among)
+    chosen = _most_alike(x, rows, near, k, float(reach))
+    u = np.repeat(np.arange(len(x)), chosen.shape[1])
+    there = chosen.ravel() >= 0
+    edges = np.stack([u[there], chosen.ravel()[there]], axis=1)
+    if not len(edges):
+        return Graph.from_edges([], n_vertices=len(x), positions=x)
+    return Graph.from_edges(edges, n_vertices=len(x), positions=x, symmetrize=symmetrize)
+
+
+def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: float) -> IntArray:
+    """Of each point's nearest the k whose features are nearest to its own, -1 where there are no more; (n, k)."""
+    k = min(k, near.shape[1] - 1)
+    chosen = np.full((len(x), k), -1, np.int64)
+    for begin in range(0, len(x), _PIECE):
+        part = slice(begin, begin + _PIECE)
+        others = near[part]
+        apart = np.linalg.norm(rows[others] - rows[part, None], axis=2)
+        far = np.linalg.norm(x[others] - x[part, None], axis=2) > reach
+        apart[far | (others == np.arange(begin, begin + len(others))[:, None])] = np.inf
+        # of equals the nearer one: the order of the neighbours
+        order = np.argsort(apart, axis=1, kind="stable")[:, :k]
+        kept = np.take_along_axis(others, order, axis=1)
+        chosen[part] = np.where(np.isfinite(np.take_along_axis(apart, order, axis=1)), kept, -1)
+    return chosen

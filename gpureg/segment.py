@@ -1,0 +1,181 @@
+"""Hierarchical segmentation of meshes by p -> 0, as the paper's outlook has it: :func:`segment_mesh`."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .build import face_graph
+from .graph import FloatArray, Graph, IntArray
+from .pieces import Labels, coarser, whole
+from .result import Result
+from .solvers import Solver
+from .solvers.loop import Callback
+from .surface import face_normals, face_vectors, surface_of
+from .vertex_values import checked_values
+
+# Fidelities where none are given: from those at which all but flat parts fall apart to those at which a part is all.
+_LAMS = tuple(3.0 * 2.0**-k for k in range(12))
+# Values less than this apart have met, and the smoothing of the gradient; of normals, whose length is 1.
+_MET, _EPS = 0.05, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSegmentation:
+    """Coarser and coarser segmentations of a mesh: see :func:`segment_mesh`.
+
+    Attributes
+    ----------
+    levels : tuple of (F,) int32 arrays
+        The segment of each face, one array per fidelity; each segment is a union of those of the level before.
+    lams : tuple of float
+        The fidelity of each level.
+    results : tuple of Result
+        The run of each level.
+    """
+
+    levels: tuple[Labels, ...]
+    lams: tuple[float, ...]
+    results: tuple[Result, ...]
+
+    @property
+    def n_segments(self) -> tuple[int, ...]:
+        """How many segments each level has."""
+        return tuple(int(labels.max()) + 1 for labels in self.levels)
+
+    def at_most(self, n: int) -> Labels:
+        """The finest level with at most `n` segments.
+
+        Raises
+        ------
+        ValueError
+            All have more.
+        """
+        for labels, count in zip(self.levels, self.n_segments, strict=True):
+            if count <= n:
+                return labels
+        raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: go on to a smaller lam")
+
+
+def segment_mesh(
+    mesh: Any,
+    faces: npt.ArrayLike | None = None,
+    lams: Sequence[float] | None = None,
+    *,
+    values: npt.ArrayLike | None = None,
+    p: float = 0.1,
+    weights: npt.ArrayLike | None = None,
+    met_at: float | None = None,
+    norm: Literal["vertex", "edge"] = "edge",
+    eps: float | None = None,
+    solver: str | Solver = "jacobi",
+    max_iter: int = 200,
+    tol: float | None = None,
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+    callback: Callback | None = None,
+    progress: bool = False,
+) -> MeshSegmentation:
+    """Segment a mesh into parts on which a function is nearly constant, coarser and coarser as lam falls.
+
+    Parameters
+    ----------
+    mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
+        Or the vertices, (n, 3), with `faces` besides.
+    faces : (F, 3) int array, optional
+    lams : sequence of float, optional
+        Fidelities > 0, each smaller than the one before. None: 3, 1.5, 0.75, ... twelve of them.
+    values : (F,) or (F, m) array, optional
+        A function on the faces. None: their unit normals, for parts of one direction each.
+    p : float, default 0.1
+        Degree of regularity; 1 and above make no faces meet.
+    weights : array, optional
+        One number >= 0 per directed edge of :func:`gpureg.face_graph`. None: the length of the edge that two faces
+        share, over the mean length.
+    met_at : float, optional
+        Faces whose regularized values differ by less have met. None: 0.05; with `values` 0.05 of their range.
+    norm, solver, max_iter, tol, backend, dtype, callback, progress
+        As in :func:`gpureg.regularize`.
+    eps : float, optional
+        As there; None: a fifth of `met_at`.
+
+    Returns
+    -------
+    MeshSegmentation
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is no mesh of triangles, fidelities that do not fall, arguments out of their ranges.
+    BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`gpureg.regularize`.
+
+    Notes
+    -----
+    On the graph of faces that share an edge, with a fidelity of lam times the area of the face over the mean area, the
+    energy of :func:`gpureg.regularize` counts for small p what two parts have of a common border against the areas on
+    which the function is not that of the part. Faces that meet are a part; the parts, with their mean values, areas and
+    borders, go on to the next lam.
+
+    Examples
+    --------
+    >>> import trimesh, gpureg as gr
+    >>> box = trimesh.creation.box().subdivide().subdivide()
+    >>> found = gr.segment_mesh(box, lams=[1.0, 0.001], backend="numpy")
+    >>> found.n_segments
+    (6, 1)
+    """
+    surface, _ = surface_of(mesh, faces).welded()
+    steps = _LAMS if lams is None else tuple(float(lam) for lam in lams)
+    falls = all(a > b for a, b in itertools.pairwise(steps))
+    if not steps or not falls or not (steps[-1] > 0 and np.isfinite(steps[0])):
+        raise ValueError(f"lams must be finite, > 0 and fall, one after another, got {list(steps)}")
+    if met_at is not None and not (np.isfinite(met_at) and met_at > 0):
+        raise ValueError(f"met_at must be finite and > 0, got {met_at}")
+    v, corners = surface.vertices, surface.faces
+    graph = face_graph(v, corners)
+    areas = np.linalg.norm(face_vectors(v, corners), axis=1)
+    if values is None:
+        f, apart = face_normals(v, corners), _MET
+    else:
+        f = checked_values(values, len(corners)).astype(np.float64)
+        apart = _MET * float(np.linalg.norm(np.ptp(f, axis=0)))
+    apart = apart if met_at is None else float(met_at)
+    # a face without area has no normal, and no say
+    mass = areas / areas.mean() if areas.any() else np.ones_like(areas)
+    w = _borders(v, corners, graph) if weights is None else np.asarray(weights)
+    path = coarser(
+        whole(f, graph, w, mass),
+        steps,
+        p=p,
+        met_at=apart,
+        norm=norm,
+        eps=(apart * _EPS / _MET or 1.0) if eps is None else eps,
+        solver=solver,
+        max_iter=max_iter,
+        tol=tol,
+        backend=backend,
+        dtype=dtype,
+        callback=callback,
+        progress=progress,
+    )
+    found = list(path)
+    return MeshSegmentation(tuple(level.labels for level in found), steps, found[-1].results)
+
+
+def _borders(v: FloatArray, faces: IntArray, graph: Graph) -> FloatArray:
+    """The length of the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
+    one, other = faces[graph.edge_rows()], faces[graph.indices]
+    shared = (one[:, :, None] == other[:, None, :]).any(axis=2)
+    # the two corners that are shared come last
+    order = np.argsort(shared, axis=1, kind="stable")[:, 1:]
+    ends = v[np.take_along_axis(one, order, axis=1)]
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    mean = lengths.mean() if len(lengths) else 1.0
+    found: FloatArray = lengths / mean if mean > 0 else np.ones_like(lengths)
+    return found
