@@ -27,6 +27,7 @@ from .plan import DenoisePlan
 from .planning import plan_denoising
 from .point_patches import patch_knn_graph, point_patches
 from .points import denoise_points, estimate_point_noise
+from .points_io import PointsError, PointsFile, read_points, write_points
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
 from .regions import Regions
@@ -55,6 +56,8 @@ __all__ = [
     "MeshSegmentation",
     "Path",
     "PhotonNoise",
+    "PointsError",
+    "PointsFile",
     "RegionGraph",
     "Regions",
     "Result",
@@ -93,6 +96,7 @@ __all__ = [
     "radius_graph",
     "read_graph",
     "read_mesh",
+    "read_points",
     "region_graph",
     "region_values",
     "regularization_path",
@@ -113,4 +117,5 @@ __all__ = [
     "weights",
     "write_graph",
     "write_mesh",
+    "write_points",
 ]

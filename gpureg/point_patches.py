@@ -44,9 +44,9 @@ def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 
     -----
     As in Lozes, Elmoataz and Lezoray (IEEE TIP 23(9), 2014): the plane is that of the principal components of the
     neighbourhood; a cell has the mean of the neighbours' values, weighted by Gaussians, as wide as a cell, of their
-    distance from its centre. The grid is turned so that what is compared does not depend on the coordinates: its first axis is
-    where the values rise most; for heights, where they vary most, the normal on the side of most neighbours. Where
-    there is nothing to tell directions apart, the patch is the same in all of them, up to noise.
+    distance from its centre. The grid is turned so that what is compared does not depend on the coordinates: its first
+    axis is where the values rise most; for heights, where they vary most, the normal on the side of most neighbours.
+    Where there is nothing to tell directions apart, the patch is the same in all of them, up to noise.
 
     Examples
     --------

@@ -19,17 +19,6 @@ from .options import FILE
 from .terminal import say
 
 
-def _view(text: str) -> tuple[float, float] | str:
-    """Two angles, or the word auto."""
-    if text.strip().lower() == "auto":
-        return "auto"
-    try:
-        azimuth, elevation = (float(part) for part in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is neither auto nor two angles in degrees, such as 30,20.") from None
-    return azimuth, elevation
-
-
 @click.command(
     epilog="Example: gpureg mesh scan.ply clean.ply --picture both.png    "
     "As in the paper's Fig. 6: gpureg mesh bunny.ply smooth.ply --filter vertices --weights inverse-square --lam 0 "
@@ -78,7 +67,7 @@ def _view(text: str) -> tuple[float, float] | str:
 @click.option("--picture", type=FILE, help="Picture of the mesh before and after.")
 @click.option(
     "--view",
-    type=_view,
+    type=options.view,
     metavar="AZIMUTH,ELEVATION",
     help="Where the picture's viewer is, in degrees.  [default: auto]",
 )

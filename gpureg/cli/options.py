@@ -45,3 +45,14 @@ as_json = click.option(
 )
 quiet = click.option("--quiet", is_flag=True, help="Report nothing.")
 progress = click.option("--progress/--no-progress", default=None, help="Progress bar.  [default: on a terminal]")
+
+
+def view(text: str) -> tuple[float, float] | str:
+    """Two angles, or the word auto."""
+    if text.strip().lower() == "auto":
+        return "auto"
+    try:
+        azimuth, elevation = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is neither auto nor two angles in degrees, such as 30,20.") from None
+    return azimuth, elevation

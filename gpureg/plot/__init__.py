@@ -4,6 +4,7 @@ from .comparison import compare, quality
 from .energies import energy
 from .meshes import meshes
 from .neighbourhood import neighbours
+from .points import points
 from .simplification import simplification
 
-__all__ = ["compare", "energy", "meshes", "neighbours", "quality", "simplification"]
+__all__ = ["compare", "energy", "meshes", "neighbours", "points", "quality", "simplification"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -14,37 +13,19 @@ from ..graph import FloatArray, unmasked
 from ..mesh_noise import vertex_normals
 from ..metrics import is_watertight, volume
 from ..surface import Surface, face_normals, face_vectors, surface_of
-from .canvas import Path_, check_path, finish, new_figure
+from .camera import PANEL, Axis, camera_of, panels_of
+from .canvas import Path_, check_path, finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Shading = Literal["flat", "smooth"]
-Axis = Literal["x", "y", "z"]
-
-# Inches of a panel's longer side, and panels in a row.
-_PANEL, _ACROSS = 4.6, 4
-# Letters of the caption that an inch holds.
-_LETTERS = 12
 
 _CLAY = (0.80, 0.79, 0.76)
 # Towards two lights, in the camera's frame (right, up, to the viewer), as long as these are strong, and the light that
 # comes from everywhere.
 _LIGHTS, _AMBIENT = np.array([[-0.36, 0.44, 0.56], [0.26, -0.05, 0.15]]), 0.24
-
-
-@dataclass(frozen=True, eq=False)
-class _Camera:
-    """Directions to the right, up and to the viewer, as rows, and the point that is in the middle."""
-
-    frame: FloatArray
-    middle: FloatArray
-
-    def seen(self, points: FloatArray) -> FloatArray:
-        """Points as (right, up, towards the viewer)."""
-        turned: FloatArray = (points - self.middle) @ self.frame.T
-        return turned
 
 
 def meshes(
@@ -105,12 +86,15 @@ def meshes(
         raise ValueError(f'shading must be "flat" or "smooth", got {shading!r}')
     titles, surfaces = _listed(meshes)
     painted = _colours(values, surfaces)
-    camera = _camera(surfaces[0], view, up)
+    first = surfaces[0]
+    vectors = face_vectors(first.vertices, first.faces)
+    outward = vectors.sum(axis=0) / max(float(np.linalg.norm(vectors, axis=1).sum()), np.finfo(float).tiny)
+    camera = camera_of(first.vertices[np.unique(first.faces)], view, up, outward)
     seen = [camera.seen(surface.vertices) for surface in surfaces]
     used = [points[np.unique(surface.faces)] for points, surface in zip(seen, surfaces, strict=True)]
     low, high = (end(np.concatenate(used)[:, :2], axis=0) for end in (np.min, np.max))
     size = np.maximum(high - low, 1e-12 + 0.02 * (high - low).max())
-    figure, panels = _panels(size, titles, caption, bar=painted.bar is not None)
+    figure, panels = panels_of(size, titles, caption, bar=painted.bar is not None)
     for axes, title, surface, points, colours in zip(panels, titles, surfaces, seen, painted.colours, strict=True):
         _draw(axes, surface, points, colours, shading, edges)
         middle = (low + high) / 2
@@ -121,7 +105,7 @@ def meshes(
         axes.set_title(title, fontsize=11)
     if painted.bar is not None:
         width, height = figure.get_size_inches()
-        long = min(0.8 * height, _PANEL)
+        long = min(0.8 * height, PANEL)
         figure.colorbar(
             painted.bar, cax=figure.add_axes((1 - 1.0 / width, 0.5 - long / height / 2, 0.18 / width, long / height))
         )
@@ -178,80 +162,6 @@ def _colours(values: Sequence[npt.ArrayLike] | None, surfaces: Sequence[Surface]
     low, high = min(array.min() for array in numbers), max(array.max() for array in numbers)
     bar = ScalarMappable(Normalize(low, high if high > low else low + 1), colormaps["viridis"])
     return _Painted([bar.to_rgba(array)[:, :3] if array.ndim == 1 else np.clip(array, 0, 1) for array in arrays], bar)
-
-
-def _camera(surface: Surface, view: tuple[float, float] | Literal["auto"], up: Axis | None) -> _Camera:
-    points = surface.vertices[np.unique(surface.faces)]
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    names = get_args(Axis)
-    if up is not None and up not in names:
-        raise ValueError(f'up must be "x", "y" or "z", got {up!r}')
-    if view == "auto":
-        _, directions = np.linalg.eigh(np.cov(points.T))
-        towards = _to_the_front(directions[:, 0], surface)
-        if up is None:
-            up = "y" if abs(towards[1]) < 0.8 else "z"
-        upward = np.eye(3)[names.index(up)]
-        right = _unit(np.cross(upward, towards), np.roll(upward, 1))
-        towards = _unit(_unit(towards - (towards @ upward) * upward, np.cross(right, upward)), upward)
-        # somewhat from above and aside
-        towards = np.cos(np.radians(28)) * towards - np.sin(np.radians(28)) * np.cross(upward, towards)
-        towards = np.cos(np.radians(18)) * towards + np.sin(np.radians(18)) * upward
-    else:
-        azimuth, elevation = _angles(view)
-        upward = np.eye(3)[names.index(up or "y")]
-        ahead = np.roll(upward, 1)
-        side = np.cross(upward, ahead)
-        level = np.cos(azimuth) * ahead + np.sin(azimuth) * side
-        towards = np.cos(elevation) * level + np.sin(elevation) * upward
-        if abs(towards @ upward) > 1 - 1e-9:
-            # from straight above, what is behind is up
-            upward = -level
-    right = _unit(np.cross(upward, towards), np.roll(upward, 1))
-    return _Camera(np.stack([right, np.cross(towards, right), towards]), middle)
-
-
-def _to_the_front(direction: FloatArray, surface: Surface) -> FloatArray:
-    """Of the two senses of a direction that to which an open surface turns its front; the axes' one of closed ones."""
-    vectors = face_vectors(surface.vertices, surface.faces)
-    net = float(vectors.sum(axis=0) @ direction)
-    if abs(net) < 0.05 * np.linalg.norm(vectors, axis=1).sum():
-        net = float(direction[np.abs(direction).argmax()])
-    return direction if net > 0 else -direction
-
-
-def _angles(view: Any) -> FloatArray:
-    angles = np.asarray(view, dtype=np.float64) if not isinstance(view, str) else np.empty(0)
-    if angles.shape != (2,) or not np.isfinite(angles).all() or abs(angles[1]) > 90:
-        raise ValueError(f'view must be "auto" or (azimuth, elevation) in degrees, the latter at most 90, got {view!r}')
-    radians: FloatArray = np.radians(angles)
-    return radians
-
-
-def _unit(vector: FloatArray, instead: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vector)
-    return vector / length if length > 1e-9 else instead
-
-
-def _panels(size: FloatArray, titles: Sequence[str], caption: str, *, bar: bool) -> tuple[Figure, list[Axes]]:
-    """A figure and a panel for each mesh, in rows, all as wide and as high as `size` says."""
-    across = min(len(titles), _ACROSS)
-    down = -(-len(titles) // across)
-    width, height = np.maximum(_PANEL * size / size.max(), [2.4, 1.2])
-    titled = 0.15 + 0.2 * max(title.count("\n") + bool(title) for title in titles)
-    total = [across * (width + 0.1) + 0.1 + (1.1 if bar else 0), 0.0]
-    lines = [part for line in caption.splitlines() for part in textwrap.wrap(line, int(total[0] * _LETTERS))]
-    below = 0.12 + 0.2 * len(lines)
-    total[1] = down * (height + titled) + below
-    figure = new_figure(total[0], total[1])
-    panels = []
-    for k in range(len(titles)):
-        row, column = divmod(k, across)
-        left, bottom = 0.1 + column * (width + 0.1), total[1] - (row + 1) * (height + titled)
-        panels.append(figure.add_axes((left / total[0], bottom / total[1], width / total[0], height / total[1])))
-    if lines:
-        figure.text(0.5, 0.08 / total[1], "\n".join(lines), ha="center", va="bottom", fontsize=10)
-    return figure, panels
 
 
 def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, shading: Shading, edges: bool) -> None:

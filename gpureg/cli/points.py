@@ -1,0 +1,104 @@
+"""``gpureg points``: a cloud of points in, one with less noise, or with clusters, out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..point_denoising import POINT_FILTERS
+from ..points_file import POINT_WEIGHTS, PointsSettings, points_file
+from ..points_report import as_lines
+from ..problem import NORMS
+from . import options
+from .group import sentences
+from .options import FILE
+from .terminal import say
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Words between commas."""
+    names = tuple(word.strip() for word in text.split(","))
+    if not all(names):
+        raise click.BadParameter(f"{text!r} is no list of names between commas, such as x,y,z.")
+    return names
+
+
+@click.command(
+    epilog="Example: gpureg points scan.ply clean.ply --picture both.png    gpureg points cells.csv labelled.csv "
+    "--cluster"
+)
+@click.argument("source", metavar="IN", type=FILE)
+@click.argument("target", metavar="OUT", type=FILE)
+@click.option(
+    "--filter",
+    type=click.Choice(POINT_FILTERS),
+    help="normals: regularize the normals of neighbourhoods and fit the points to them, which keeps creases. "
+    "positions: regularize the points.  [default: normals of points of the plane or of space]",
+)
+@click.option("--values", metavar="NAME", help="Denoise these numbers at the points instead: colours, or a column.")
+@click.option(
+    "--columns", type=_names, metavar="NAMES", help="Columns of a CSV that are coordinates.  [default: x,y,z or all]"
+)
+@click.option("--cluster", is_flag=True, help="Give each point a cluster instead: those that meet for p < 1.")
+@click.option("--n-clusters", type=int, help="So many clusters.  [default: where the widest gap is]")
+@click.option("--min-size", type=int, help="Smaller clusters are joined to others.  [default: 1 % of the points]")
+@click.option("--k", type=int, help="Neighbours that each point chooses.  [default: 8; 10 for clusters]")
+@click.option(
+    "--update-neighbours", type=int, metavar="N", help="Find the neighbours again every N steps.  [default: never]"
+)
+@click.option("--p", type=float, help="Degree of regularity > 0.  [default: 1, 2 for positions, 0.1 for clusters]")
+@click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
+@click.option("--sigma", type=float, help="Noise, in the units of the coordinates.  [default: estimated]")
+@click.option(
+    "--weights",
+    type=click.Choice(POINT_WEIGHTS),
+    help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1; for normals by their likeness; for clusters a Gaussian]",
+)
+@click.option("--norm", type=click.Choice(NORMS), default="vertex", show_default=True, help="Gradient norm.")
+@click.option("--max-displacement", type=float, help="No point moves further than this.  [default: 3 sigma]")
+@options.solver
+@click.option("--max-iter", type=int, help="Iterations at most.  [default: 30 in each of 3 rounds for normals]")
+@options.tol
+@options.eps
+@options.backend
+@options.dtype
+@click.option("--reference", type=FILE, help="Clean points, or a mesh: distances before and after.")
+@click.option("--picture", type=FILE, help="Picture of the points before and after.")
+@click.option(
+    "--view",
+    type=options.view,
+    metavar="AZIMUTH,ELEVATION",
+    help="Where the picture's viewer is, in degrees.  [default: auto]",
+)
+@click.option("--up", type=click.Choice(["x", "y", "z"]), help="The axis that is up in the picture.  [default: y]")
+@options.as_json
+@options.quiet
+@options.progress
+def points(
+    source: Path,
+    target: Path,
+    as_json: bool,
+    quiet: bool,
+    progress: bool | None,
+    **given: Any,
+) -> None:
+    """Denoise the points IN, or cluster them, and write them to OUT.
+
+    PLY, XYZ, CSV (.csv.gz too) and NPZ, by extension; what else the file says of each point goes along. With no option
+    the noise is estimated and creases are kept. All files are written, or none; OUT may be IN.
+    """
+    show = (sys.stderr.isatty() if progress is None else progress) and not quiet
+    given["view"] = given["view"] or "auto"
+
+    def work() -> dict[str, Any]:
+        return points_file(source, target, PointsSettings(**given), progress=show)
+
+    report = sentences(work)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))
+    elif not quiet:
+        say(as_lines(report))

@@ -1,0 +1,326 @@
+"""Point clouds in and out of files: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .graph import FloatArray
+from .io import PictureError, check_place, write_atomically
+from .text_table import encode_table, read_table
+
+POINT_FORMATS = (".ply", ".xyz", ".csv", ".csv.gz", ".npz")
+
+# Columns that are a class, not a coordinate, where a header does not name the coordinates x, y, z.
+_CLASSES = ("label", "labels", "class", "cluster", "target")
+_PLY_TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"}
+_PLY_TYPES |= {"f4": "float", "f8": "double"}
+
+
+class PointsError(PictureError):
+    """A cloud of points that cannot be read or written; the message says which and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointsFile:
+    """What :func:`read_points` found in a file.
+
+    Attributes
+    ----------
+    points : (n, d) float64 array
+    dtype : numpy.dtype
+        The type of the coordinates in the file: float32 or float64, the latter for text.
+    columns : dict
+        What else the file says of each point, (n,) or (n, m) arrays by name: colours, labels, intensities.
+    faces : (F, 3) array or None
+        The triangles of a PLY file that is a mesh.
+    names : tuple of str or None
+        What the coordinates are called there; None where they have no names.
+    delimiter : str
+        What stands between numbers in text.
+    """
+
+    points: FloatArray
+    dtype: np.dtype[Any]
+    columns: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    faces: npt.NDArray[Any] | None = None
+    names: tuple[str, ...] | None = None
+    delimiter: str = ","
+
+
+def point_format(path: str | os.PathLike[str]) -> str:
+    """The extension of a file of points.
+
+    Raises
+    ------
+    PointsError
+        An unknown one.
+    """
+    name = Path(path).name.lower()
+    found = [kind for kind in POINT_FORMATS if name.endswith(kind) and len(name) > len(kind)]
+    if not found:
+        raise PointsError(f"{path}: the extension of points must be one of {', '.join(POINT_FORMATS)}")
+    return found[-1]
+
+
+def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None = None) -> PointsFile:
+    """Read points, in the order of the file, with what else it says of each.
+
+    Parameters
+    ----------
+    path : path
+        .ply, .xyz (text, three coordinates first), .csv, .csv.gz, or .npz (an array ``points``, or the only one with
+        two axes).
+    columns : tuple of str, optional
+        In text with a header, the columns that are coordinates. None: x, y and z where there are such, else all but one
+        that is called label, class, cluster or target.
+
+    Raises
+    ------
+    PointsError
+        A file that is missing, may not be read, is truncated or none of these kinds; columns that are not there.
+    """
+    kind = point_format(path)
+    if columns is not None and kind not in (".csv", ".csv.gz", ".xyz"):
+        raise PointsError(f"{path}: columns are chosen in text; a {kind} file says by itself which are coordinates")
+    found = _READERS[kind](path, columns)
+    if not np.isfinite(found.points).all():
+        row = int(np.flatnonzero(~np.isfinite(found.points).all(axis=1))[0])
+        raise PointsError(f"{path}: point {row} is not finite; take such points out first")
+    return found
+
+
+def _of_text(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> PointsFile:
+    table = read_table(path, PointsError)
+    count = table.rows.shape[1]
+    names = table.names
+    if names is None:
+        if columns is not None:
+            raise PointsError(f"{path} has no header that would name columns")
+        chosen = list(range(min(3, count) if point_format(path) == ".xyz" else count))
+    else:
+        chosen = _coordinates(path, names, columns)
+    rest = [k for k in range(count) if k not in chosen]
+    told = {
+        (f"column_{k + 1}" if names is None else names[k]): (
+            table.rows[:, k].astype(np.int64) if table.whole[k] else table.rows[:, k]
+        )
+        for k in rest
+    }
+    called = None if names is None else tuple(names[k] for k in chosen)
+    return PointsFile(
+        np.ascontiguousarray(table.rows[:, chosen]), np.dtype(np.float64), told, None, called, table.delimiter
+    )
+
+
+def _coordinates(path: str | os.PathLike[str], names: tuple[str, ...], columns: tuple[str, ...] | None) -> list[int]:
+    if columns is not None:
+        missing = [name for name in columns if name not in names]
+        if missing:
+            raise PointsError(f"{path} has no column {missing[0]!r}; it has {', '.join(names)}")
+        return [names.index(name) for name in columns]
+    lower = [name.lower() for name in names]
+    if "x" in lower and "y" in lower:
+        return [lower.index(axis) for axis in "xyz" if axis in lower]
+    chosen = [k for k, name in enumerate(lower) if name not in _CLASSES]
+    if not chosen:
+        raise PointsError(f"{path} has no column of coordinates; it has {', '.join(names)}")
+    return chosen
+
+
+def _of_npz(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> PointsFile:
+    try:
+        with np.load(Path(path), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise PointsError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise PointsError(f"{path} is a folder, not a file") from None
+    except (ValueError, zipfile.BadZipFile, EOFError, OSError) as error:
+        raise PointsError(f"{path} is damaged, or no NPZ file of plain arrays: {error}") from None
+    tables = [name for name, array in arrays.items() if array.ndim == 2]
+    name = "points" if "points" in arrays else tables[0] if len(tables) == 1 else None
+    if name is None or arrays[name].ndim != 2 or arrays[name].dtype.kind not in "iuf" or 0 in arrays[name].shape:
+        raise PointsError(
+            f"{path} needs an array 'points' of numbers with two axes; it has {', '.join(arrays) or 'none'}"
+        )
+    given = arrays.pop(name)
+    dtype = np.dtype(np.float32 if given.dtype.itemsize <= 4 and given.dtype.kind == "f" else np.float64)
+    told = {key: array for key, array in arrays.items() if array.shape[:1] == (len(given),)}
+    return PointsFile(given.astype(np.float64), dtype, told, None, (name,))
+
+
+def _of_ply(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> PointsFile:
+    import trimesh
+
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise PointsError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise PointsError(f"{path} is a folder, not a file") from None
+    except OSError as error:
+        raise PointsError(f"{path} cannot be read: {error.strerror}") from None
+    if not data.strip():
+        raise PointsError(f"{path} is empty")
+    try:
+        loaded = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
+        raw = loaded.metadata["_ply_raw"]["vertex"]
+        kinds, table, count = raw["properties"], raw["data"], raw["length"]
+        values = {name: np.array(table[name]).reshape(-1) for name, kind in kinds.items() if "," not in kind}
+        points = np.stack([values.pop(axis) for axis in "xyz"], axis=1)
+    except MemoryError:
+        raise
+    except Exception as error:  # its parser raises whatever it stumbles over
+        raise PointsError(f"{path} is damaged, truncated or no PLY file with points x, y, z") from error
+    if len(points) != count or not count:
+        raise PointsError(f"{path} is truncated or empty: it announces {count} points, and has {len(points)}")
+    dtype = np.dtype(np.float32 if "f4" in kinds["x"] else np.float64)
+    told = {name: column.astype(column.dtype.newbyteorder("=")) for name, column in values.items()}
+    faces = getattr(loaded, "faces", None)
+    return PointsFile(
+        points.astype(np.float64), dtype, told, None if faces is None or not len(faces) else np.asarray(faces)
+    )
+
+
+_READERS = {".ply": _of_ply, ".xyz": _of_text, ".csv": _of_text, ".csv.gz": _of_text, ".npz": _of_npz}
+
+
+def write_points(
+    path: str | os.PathLike[str],
+    points: npt.ArrayLike,
+    columns: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    like: PointsFile | None = None,
+) -> None:
+    """Write points, and what there is to say of each, in the format that the extension names; whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        One that ends in .ply, .xyz, .csv, .csv.gz or .npz. A file that is there is replaced when the new one is
+        complete.
+    points : (n, d) array
+        PLY and XYZ need three coordinates.
+    columns : mapping of str to (n,) arrays, optional
+        Numbers at the points. NPZ takes arrays of any number of axes.
+    like : PointsFile, optional
+        Where the points came from: its type of coordinates (PLY, NPZ), its header and its delimiter (text).
+
+    Raises
+    ------
+    PointsError, PictureError
+        An unknown extension, points or columns that the format cannot hold, a folder that does not exist, a disk that
+        refuses.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> from gpureg.points_io import read_points, write_points
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_points(os.path.join(folder, "a.csv"), [[0.1, 2], [3, 4]], {"label": [1, 0]})
+    ...     found = read_points(os.path.join(folder, "a.csv"))
+    >>> found.points.tolist(), found.columns["label"].tolist()
+    ([[0.1, 2.0], [3.0, 4.0]], [1, 0])
+    """
+    encoded = encode_points(path, points, columns, like=like)
+    check_place(path)
+    write_atomically(path, lambda temporary: temporary.write_bytes(encoded))
+
+
+def encode_points(
+    path: str | os.PathLike[str],
+    points: npt.ArrayLike,
+    columns: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    like: PointsFile | None = None,
+) -> bytes:
+    """What :func:`write_points` writes to a file of that name.
+
+    Raises
+    ------
+    PointsError
+        As there, but for the disk.
+    """
+    kind = point_format(path)
+    x = np.asarray(points)
+    if x.ndim != 2 or x.dtype.kind not in "biuf":
+        raise PointsError(f"points must be numbers of shape (n, d), got {x.dtype} of {x.shape}")
+    x = x.astype(np.float64) if x.dtype.kind != "f" else x
+    told = {name: np.asarray(values) for name, values in (columns or {}).items()}
+    for name, values in told.items():
+        if values.shape[:1] != (len(x),):
+            raise PointsError(f"the column {name!r} must have {len(x)} rows, one per point, got {values.shape}")
+        if kind != ".npz" and (values.ndim != 1 or values.dtype.kind not in "biuf"):
+            raise PointsError(f"a {kind} file holds one number per point and column, {name!r} has {values.shape}")
+    if like is not None:
+        x = x.astype(like.dtype)
+    if kind == ".npz":
+        file = io.BytesIO()
+        own = like.names[0] if like is not None and like.names is not None and len(like.names) == 1 else "points"
+        arrays: dict[str, Any] = {own: x} | told
+        np.savez_compressed(file, **arrays)
+        return file.getvalue()
+    if kind in (".ply", ".xyz") and x.shape[1] != 3:
+        raise PointsError(
+            f"a {kind} file holds points with three coordinates, these have {x.shape[1]}: take .csv or .npz"
+        )
+    if kind == ".ply":
+        return _ply(x, told, None if like is None else like.faces)
+    return _text(kind, x, told, like)
+
+
+def _text(kind: str, x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], like: PointsFile | None) -> bytes:
+    whole = {name: values.astype(np.int64) if values.dtype.kind == "b" else values for name, values in told.items()}
+    named = like is not None and like.names is not None and len(like.names) == x.shape[1]
+    axes = like.names if like is not None and named else _axes(x.shape[1])
+    bare = kind == ".xyz" or (like is not None and like.names is None and not whole.keys() - like.columns.keys())
+    delimiter = " " if kind == ".xyz" else like.delimiter.replace(" ", ",") if like is not None else ","
+    names = None if bare else [*(axes or ()), *whole]
+    encoded = encode_table([*x.T, *whole.values()], names, delimiter)
+    if kind == ".csv.gz":
+        import gzip
+
+        # without a time, so that the same points are the same bytes
+        return gzip.compress(encoded, mtime=0)
+    return encoded
+
+
+def _axes(d: int) -> tuple[str, ...]:
+    return tuple("xyz"[:d]) if d <= 3 else tuple(f"x{k + 1}" for k in range(d))
+
+
+def _ply(x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], faces: npt.NDArray[Any] | None) -> bytes:
+    columns = {axis: x[:, k] for k, axis in enumerate("xyz")} | told
+    kept = {}
+    for name, values in columns.items():
+        if not re.fullmatch(r"[!-~]+", name):
+            raise PointsError(f"the name of a PLY's property must be one word, got {name!r}")
+        short = values.dtype.str[1:]
+        if values.dtype.kind in "iu" and short not in _PLY_TYPES:
+            narrow = values.astype(np.int32)
+            values = narrow if np.array_equal(narrow, values) else values.astype(np.float64)
+        elif short not in _PLY_TYPES:
+            values = values.astype(np.uint8 if values.dtype.kind == "b" else np.float64)
+        kept[name] = values
+    rows = np.empty(len(x), [(name, f"<{values.dtype.str[1:]}") for name, values in kept.items()])
+    for name, values in kept.items():
+        rows[name] = values
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    header += [f"property {_PLY_TYPES[values.dtype.str[1:]]} {name}" for name, values in kept.items()]
+    body = rows.tobytes()
+    if faces is not None:
+        corners = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+        corners["count"], corners["corners"] = 3, faces
+        header += [f"element face {len(corners)}", "property list uchar int vertex_indices"]
+        body += corners.tobytes()
+    return "\n".join([*header, "end_header\n"]).encode() + body
