@@ -7,6 +7,7 @@ from .backends import BackendUnavailable
 from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
 from .cluster import cluster_points
 from .curve import denoise_curve
+from .curve_io import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
 from .curve_simplify import simplify_curve
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graph import Graph, GridGraph
@@ -45,6 +46,9 @@ __all__ = [
     "BackendUnavailable",
     "Certified",
     "Check",
+    "CurveError",
+    "CurveInFile",
+    "CurvesFile",
     "DenoisePlan",
     "Euler",
     "Graph",
@@ -94,6 +98,7 @@ __all__ = [
     "presets",
     "propagate_labels",
     "radius_graph",
+    "read_curves",
     "read_graph",
     "read_mesh",
     "read_points",
@@ -115,6 +120,7 @@ __all__ = [
     "to_networkx",
     "tuning",
     "weights",
+    "write_curves",
     "write_graph",
     "write_mesh",
     "write_points",

@@ -1,6 +1,7 @@
-"""The command line: ``gpureg denoise``, ``simplify``, ``mesh``, ``points``, ``demo``, ``backends``; a file for each."""
+"""The command line: a file for each command of ``gpureg``."""
 
 from .backends import list_backends
+from .curve import curve
 from .demo import demo
 from .denoise import denoise
 from .group import main
@@ -8,7 +9,7 @@ from .mesh import mesh
 from .points import points
 from .simplify import simplify
 
-__all__ = ["demo", "denoise", "list_backends", "main", "mesh", "points", "simplify"]
+__all__ = ["curve", "demo", "denoise", "list_backends", "main", "mesh", "points", "simplify"]
 
-for command in (denoise, simplify, mesh, points, demo, list_backends):
+for command in (denoise, simplify, mesh, curve, points, demo, list_backends):
     main.add_command(command)

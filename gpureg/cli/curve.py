@@ -1,0 +1,86 @@
+"""``gpureg curve``: polygonal curves in, ones with less noise or fewer vertices out, and their skeletons."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..curve_file import CURVE_WEIGHTS, CurveSettings, curve_file
+from ..curve_report import as_lines
+from ..curve_simplify import FUNCTIONS
+from ..problem import NORMS
+from . import options
+from .group import sentences
+from .options import FILE
+from .terminal import say
+
+
+@click.command(
+    epilog="Example: gpureg curve coast.geojson simple.geojson --simplify --picture both.png    "
+    "gpureg curve outline.csv smooth.csv --skeleton bones.svg"
+)
+@click.argument("source", metavar="IN", type=FILE)
+@click.argument("target", metavar="OUT", type=FILE)
+@click.option("--simplify", is_flag=True, help="Fewer vertices instead of less noise: those that tell the shape stay.")
+@click.option("--n-vertices", type=int, help="Simplify each curve to so many vertices.")
+@click.option(
+    "--function",
+    type=click.Choice(FUNCTIONS),
+    help="What is simplified. directions: corners stay, straight runs go. positions: curves are thinned evenly.  "
+    "[default: directions]",
+)
+@click.option("--p", type=float, help="Degree of regularity > 0.  [default: 2; 0.5 to simplify]")
+@click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
+@click.option("--sigma", type=float, help="Noise of each coordinate, in their units.  [default: estimated]")
+@click.option("--weights", type=click.Choice(CURVE_WEIGHTS), help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1]")
+@click.option("--norm", type=click.Choice(NORMS), help="Gradient norm.  [default: vertex; edge to simplify]")
+@click.option("--free-ends", is_flag=True, help="Ends of open curves move too.")
+@click.option(
+    "--closed/--open",
+    default=None,
+    help="Whether the curves of a CSV are closed.  [default: closed, or as they repeat]",
+)
+@click.option(
+    "--degrees/--no-degrees",
+    default=None,
+    help="Coordinates are longitude and latitude: distances on the ground count.  [default: for GeoJSON]",
+)
+@click.option("--skeleton", type=FILE, metavar="FILE", help="The skeletons of closed curves, branch by branch.")
+@click.option("--solver", type=click.Choice(["jacobi", "certified"]), help="[default: certified where p >= 1]")
+@click.option("--max-iter", type=int, help="Iterations at most.")
+@options.tol
+@options.eps
+@options.backend
+@options.dtype
+@click.option("--reference", type=FILE, help="Clean curves: Hausdorff distance before and after.")
+@click.option("--picture", type=FILE, help="Picture of the curves before and after, or of the skeletons.")
+@options.as_json
+@options.quiet
+@options.progress
+def curve(
+    source: Path,
+    target: Path,
+    as_json: bool,
+    quiet: bool,
+    progress: bool | None,
+    **given: Any,
+) -> None:
+    """Denoise the polygonal curves IN, or simplify them, and write them to OUT.
+
+    CSV, SVG and GeoJSON, by extension; what else an SVG or GeoJSON holds goes along. With no option the noise of each
+    curve is estimated. All files are written, or none; OUT may be IN.
+    """
+    show = (sys.stderr.isatty() if progress is None else progress) and not quiet
+
+    def work() -> dict[str, Any]:
+        return curve_file(source, target, CurveSettings(**given), progress=show)
+
+    report = sentences(work)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))
+    elif not quiet:
+        say(as_lines(report))

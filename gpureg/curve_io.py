@@ -1,0 +1,277 @@
+"""Polygonal curves in and out of files: CSV, SVG and GeoJSON, the last two with all else that they hold."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .curve_documents import Geo, Svg, new_geo, new_svg
+from .graph import FloatArray, IntArray
+from .io import PictureError, check_place, write_atomically
+from .text_table import encode_table, read_table, read_text
+
+CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
+
+
+class CurveError(PictureError):
+    """Curves that cannot be read or written; the message says which and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveInFile:
+    """A curve as a file has it.
+
+    Attributes
+    ----------
+    points : (n, 2) float64 array
+        Without the first repeated at the end.
+    closed : bool
+    more : (n, q) float64 array
+        What else the file says of each vertex: altitudes of GeoJSON, columns of CSV.
+    """
+
+    points: FloatArray
+    closed: bool
+    more: FloatArray
+
+
+class Document(Protocol):
+    """What a file holds besides its curves, which can be put back into it."""
+
+    def encode(self, curves: Sequence[CurveInFile]) -> bytes:
+        """The file with other curves in the places of those that it had, in their order."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurvesFile:
+    """What :func:`read_curves` found in a file.
+
+    Attributes
+    ----------
+    curves : list of CurveInFile
+    degrees : bool
+        Whether coordinates are longitude and latitude: GeoJSON without another reference system.
+    kind : str
+        The extension.
+    document : Document
+        All else.
+    """
+
+    curves: list[CurveInFile]
+    degrees: bool
+    kind: str
+    document: Document = field(repr=False)
+
+
+def curve_format(path: str | os.PathLike[str]) -> str:
+    """The extension of a file of curves.
+
+    Raises
+    ------
+    CurveError
+        An unknown one.
+    """
+    name = Path(path).name.lower()
+    found = [kind for kind in CURVE_FORMATS if name.endswith(kind) and len(name) > len(kind)]
+    if not found:
+        raise CurveError(f"{path}: the extension of curves must be one of {', '.join(CURVE_FORMATS)}")
+    return found[-1]
+
+
+def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> CurvesFile:
+    """Read polygonal curves of the plane.
+
+    Parameters
+    ----------
+    path : path
+        CSV: a row per vertex, columns x and y or the first two; several curves are apart by a blank line, or by a
+        column ``curve``. SVG: polygons, polylines, and paths of straight segments. GeoJSON: lines and polygons in any
+        geometry, feature or collection.
+    closed : bool, optional
+        Whether the curves of a CSV file are closed. None: those of which the first vertex is repeated at the end are;
+        if none is, all are. SVG and GeoJSON say it themselves.
+
+    Raises
+    ------
+    CurveError
+        A file that is missing, may not be read, is damaged or none of these kinds; that has no curve, or one with
+        too few vertices or such as are not finite.
+    """
+    kind = curve_format(path)
+    if closed is not None and not kind.startswith(".csv"):
+        raise CurveError(f"{path}: a {kind} file says by itself which curves are closed")
+    try:
+        if kind.startswith(".csv"):
+            found = _of_csv(path, closed)
+        elif kind == ".svg":
+            svg = Svg.of(read_text(path, CurveError))
+            found = CurvesFile(_curves(svg.read()), False, kind, _Placed(svg))
+        else:
+            geo = Geo.of(read_text(path, CurveError))
+            found = CurvesFile(_curves(geo.read()), geo.in_degrees, kind, _Placed(geo))
+    except ValueError as error:
+        if isinstance(error, CurveError):
+            raise
+        raise CurveError(f"{path}: {error}") from None
+    if not found.curves:
+        raise CurveError(f"{path} holds no polygonal curve")
+    for k, curve in enumerate(found.curves):
+        least = 3 if curve.closed else 2
+        if len(curve.points) < least:
+            raise CurveError(f"{path}: curve {k} has {len(curve.points)} vertices, it needs {least}")
+        if not np.isfinite(curve.points).all():
+            raise CurveError(f"{path}: curve {k} has a vertex that is not finite")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """An SVG or GeoJSON document, for curves with a closing vertex or without as it wants them."""
+
+    document: Svg | Geo
+
+    def encode(self, curves: Sequence[CurveInFile]) -> bytes:
+        return self.document.write([np.concatenate([curve.points, curve.more], axis=1) for curve in curves])
+
+
+def _curves(found: Sequence[tuple[FloatArray, bool]]) -> list[CurveInFile]:
+    return [CurveInFile(rows[:, :2], closed, rows[:, 2:]) for rows, closed in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Csv:
+    """How a CSV file is written: its header, what is between numbers, and how its curves are told apart."""
+
+    names: tuple[str, ...] | None
+    delimiter: str
+    by_column: IntArray | None
+    repeated: list[bool]
+
+    def encode(self, curves: Sequence[CurveInFile]) -> bytes:
+        rows: list[FloatArray] = []
+        gaps: list[int] = []
+        number: list[npt.NDArray[Any]] = []
+        for k, curve in enumerate(curves):
+            table = np.concatenate([curve.points, curve.more], axis=1)
+            again = k < len(self.repeated) and self.repeated[k]
+            table = np.concatenate([table, table[:1]]) if again else table
+            gaps.append(sum(len(part) for part in rows))
+            number.append(np.full(len(table), k if self.by_column is None else self.by_column[k]))
+            rows.append(table)
+        columns = list(np.concatenate(rows).T)
+        columns = [column.astype(np.int64) if (column == np.rint(column)).all() else column for column in columns]
+        if self.by_column is not None:
+            columns.insert(2, np.concatenate(number))
+        return encode_table(columns, self.names, self.delimiter, [] if self.by_column is not None else gaps[1:])
+
+
+def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
+    table = read_table(path, CurveError)
+    rows, names = table.rows, table.names
+    if rows.shape[1] < 2:
+        raise CurveError(f"{path}: a vertex needs two coordinates, x and y")
+    lower = [name.lower() for name in names] if names is not None else []
+    x, y = (lower.index("x"), lower.index("y")) if {"x", "y"} <= set(lower) else (0, 1)
+    which = lower.index("curve") if "curve" in lower else None
+    rest = [k for k in range(rows.shape[1]) if k not in (x, y, which)]
+    label = table.blocks if which is None else rows[:, which].astype(np.int64)
+    numbers, first = np.unique(label, return_index=True)
+    numbers = numbers[np.argsort(first)]
+    parts = [rows[label == number] for number in numbers]
+    repeated = [len(part) > 3 and bool((part[0, [x, y]] == part[-1, [x, y]]).all()) for part in parts]
+    if closed is None:
+        shut = repeated if any(repeated) else [True] * len(parts)
+    else:
+        shut = [closed] * len(parts)
+    # of an open curve the last vertex stays, even on the first
+    repeated = [again and is_closed for again, is_closed in zip(repeated, shut, strict=True)]
+    curves = []
+    for part, again, is_closed in zip(parts, repeated, shut, strict=True):
+        own = part[:-1] if again else part
+        curves.append(CurveInFile(own[:, [x, y]], is_closed, own[:, rest]))
+    head = None
+    if names is not None:
+        head = (names[x], names[y], *([] if which is None else [names[which]]), *(names[k] for k in rest))
+    document = _Csv(head, table.delimiter, None if which is None else numbers, repeated)
+    return CurvesFile(curves, False, ".csv", document)
+
+
+def write_curves(
+    path: str | os.PathLike[str], curves: Sequence[CurveInFile], *, like: CurvesFile | None = None
+) -> None:
+    """Write curves in the format that the extension names, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        One that ends in .csv, .csv.gz, .svg, .geojson or .json. A file that is there is replaced when the new one is
+        complete.
+    curves : sequence of CurveInFile
+    like : CurvesFile, optional
+        Where as many curves came from: in the same format, all else that it held is written too.
+
+    Raises
+    ------
+    CurveError, PictureError
+        An unknown extension, a folder that does not exist, a disk that refuses.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import numpy as np
+    >>> from gpureg.curve_io import CurveInFile, read_curves, write_curves
+    >>> triangle = CurveInFile(np.array([[0, 0], [2, 0], [1, 1.5]]), True, np.empty((3, 0)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_curves(os.path.join(folder, "a.svg"), [triangle])
+    ...     [found] = read_curves(os.path.join(folder, "a.svg")).curves
+    >>> found.points.tolist(), found.closed
+    ([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5]], True)
+    """
+    encoded = encode_curves(path, curves, like=like)
+    check_place(path)
+    write_atomically(path, lambda temporary: temporary.write_bytes(encoded))
+
+
+def encode_curves(
+    path: str | os.PathLike[str],
+    curves: Sequence[CurveInFile],
+    *,
+    like: CurvesFile | None = None,
+    names: Sequence[str] = (),
+) -> bytes:
+    """What :func:`write_curves` writes to a file of that name; `names` are those of what a new CSV says more.
+
+    Raises
+    ------
+    CurveError
+        As there, but for the disk.
+    """
+    kind = curve_format(path)
+    same = like is not None and _family(like.kind) == _family(kind) and len(like.curves) == len(curves)
+    rows = [(np.concatenate([curve.points, curve.more], axis=1), curve.closed) for curve in curves]
+    if like is not None and same:
+        encoded = like.document.encode(curves)
+    elif kind == ".svg":
+        encoded = new_svg([(points[:, :2], closed) for points, closed in rows])
+    elif kind.startswith(".csv"):
+        # of several kinds of curves, those that are closed repeat their first vertex, so that the file says it
+        mixed = not all(curve.closed for curve in curves)
+        told = [CurveInFile(curve.points, curve.closed, curve.more[:, : len(names)]) for curve in curves]
+        encoded = _Csv(("x", "y", *names), ",", None, [curve.closed and mixed for curve in curves]).encode(told)
+    else:
+        encoded = new_geo(rows)
+    if kind == ".csv.gz":
+        import gzip
+
+        return gzip.compress(encoded, mtime=0)
+    return encoded
+
+
+def _family(kind: str) -> str:
+    return {".csv.gz": ".csv", ".json": ".geojson"}.get(kind, kind)

@@ -1,0 +1,166 @@
+"""Pictures of polygonal curves and of skeletons (figures 5, 7 and 9), without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..build import checked_points
+from ..graph import FloatArray
+from ..skeleton import Skeleton
+from .camera import panels_of
+from .canvas import Path_, check_path, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Vertices are marked where a panel has at most so many.
+_MARKED = 1500
+
+
+def curves(
+    curves: Mapping[str, Any] | Sequence[Any],
+    *,
+    closed: bool | Sequence[bool] = True,
+    vertices: bool | None = None,
+    upright: bool = True,
+    caption: str = "",
+    path: Path_ | None = None,
+) -> Figure:
+    """Draw curves side by side at one scale, their vertices marked.
+
+    Parameters
+    ----------
+    curves : sequence or mapping of curves
+        One panel each: an (n, 2) array, or a list of such; of a mapping the keys are titles.
+    closed : bool or sequence of bool, default True
+        Whether the last vertex is joined to the first: of all curves, or of each in a panel.
+    vertices : bool, optional
+        Whether to mark the vertices. None: where a panel has 1500 at most.
+    upright : bool, default True
+        y points up; False: down, as the rows of pictures do.
+    caption : str, optional
+        A line below.
+    path : path, optional
+        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written; nothing is left behind then.
+    TypeError, ValueError
+        What are no curves of the plane, an extension that is no picture's.
+    """
+    check_path(path)
+    titles, given = _listed(curves)
+    panels_of_curves = [_several(panel) for panel in given]
+    together = np.concatenate([x for panel in panels_of_curves for x in panel])
+    figure, panels = _panels(together, titles, caption, upright)
+    for axes, panel in zip(panels, panels_of_curves, strict=True):
+        shut = [closed] * len(panel) if isinstance(closed, bool) else list(closed)
+        if len(shut) != len(panel):
+            raise ValueError(f"closed must be one truth value, or one for each of {len(panel)} curves")
+        marked = sum(map(len, panel)) <= _MARKED if vertices is None else vertices
+        for x, is_closed in zip(panel, shut, strict=True):
+            line = np.concatenate([x, x[:1]]) if is_closed else x
+            axes.plot(line[:, 0], line[:, 1], color="#1f4e79", linewidth=1.0, solid_joinstyle="round")
+            if marked:
+                axes.plot(x[:, 0], x[:, 1], ".", color="#c0392b", markersize=3.5)
+    return finish(figure, path)
+
+
+def skeleton(
+    skeletons: Any,
+    *,
+    upright: bool = True,
+    caption: str = "",
+    path: Path_ | None = None,
+) -> Figure:
+    """Draw polygons with their skeletons, a colour for each branch.
+
+    Parameters
+    ----------
+    skeletons : Skeleton, sequence or mapping of such
+        Of a mapping one panel each, the keys as titles; a sequence shares one panel.
+    upright, caption, path
+        As in :func:`gpureg.plot.curves`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError, OSError, TypeError, ValueError
+        As :func:`gpureg.plot.curves`.
+    """
+    check_path(path)
+    given = skeletons if isinstance(skeletons, Mapping) else {"": skeletons}
+    shown = {title: [each] if isinstance(each, Skeleton) else list(each) for title, each in given.items()}
+    if (
+        not shown
+        or not all(shown.values())
+        or not all(isinstance(s, Skeleton) for each in shown.values() for s in each)
+    ):
+        raise TypeError("skeletons must be results of gpureg.skeleton: one, a sequence, or a mapping of titles to such")
+    together = np.concatenate([s.points for each in shown.values() for s in each])
+    figure, panels = _panels(together, [str(title) for title in shown], caption, upright)
+    from matplotlib import colormaps
+    from matplotlib.collections import LineCollection
+
+    for axes, each in zip(panels, shown.values(), strict=True):
+        k = 0
+        for one in each:
+            axes.fill(one.points[:, 0], one.points[:, 1], facecolor="#dde6ee", edgecolor="#8aa0b4", linewidth=0.7)
+            lines = [one.positions[chain] for chain in one.branches()]
+            colours = colormaps["tab10"]((np.arange(k, k + len(lines)) % 10 + 0.5) / 10)
+            axes.add_collection(LineCollection(lines, colors=list(colours), linewidths=1.6, capstyle="round"))
+            k += len(lines)
+    return finish(figure, path)
+
+
+def _panels(
+    together: npt.NDArray[Any], titles: Sequence[str], caption: str, upright: bool
+) -> tuple[Figure, list[Axes]]:
+    low, high = together.min(axis=0), together.max(axis=0)
+    size = np.maximum(high - low, 1e-12 + 0.02 * (high - low).max())
+    figure, panels = panels_of(size, titles, caption, bar=False)
+    middle = (low + high) / 2
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_xlim(middle[0] - 0.53 * size[0], middle[0] + 0.53 * size[0])
+        ends = (middle[1] - 0.53 * size[1], middle[1] + 0.53 * size[1])
+        axes.set_ylim(*(ends if upright else ends[::-1]))
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=11)
+    return figure, panels
+
+
+def _listed(curves: Any) -> tuple[list[str], list[Any]]:
+    if isinstance(curves, Mapping):
+        titles, given = [str(title) for title in curves], list(curves.values())
+    elif isinstance(curves, list | tuple):
+        titles, given = [""] * len(curves), list(curves)
+    else:
+        raise TypeError(f"curves must be a sequence of curves, or a mapping of titles to such, got {type(curves)}")
+    if not given:
+        raise ValueError("there is no curve to draw")
+    return titles, given
+
+
+def _several(panel: Any) -> list[FloatArray]:
+    many = isinstance(panel, list | tuple) and all(np.ndim(x) == 2 for x in panel)
+    parts = [checked_points(x, "curves") for x in (panel if many else [panel])]
+    if not parts or any(x.shape[1] != 2 for x in parts):
+        raise ValueError("curves must be of the plane, (n, 2)")
+    return parts
