@@ -63,7 +63,7 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
     written = sorted(path.name for path in (tmp_path / "new").iterdir())
     assert written == [
         f"{name}.{kind}"
-        for name in ("figure_1", "figure_2", "figure_4", "figure_6", "solvers")
+        for name in (*(f"figure_{k}" for k in (1, 2, 4, 5, 6, 7, 8, 9)), "solvers")
         for kind in ("json", "png")
     ]
     assert capsys.readouterr().out.split() == [str(tmp_path / "new" / name) for name in written[1::2]]
@@ -84,6 +84,20 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, monkeypatch, capsys):
     assert free["share of the volume"] < 0.85 < fitted["share of the volume"] < 1.01  # measured 0.78 and 0.90
     assert free["vertex error in edges"] > 1.5 * fitted["vertex error in edges"]  # measured 0.47 and 0.22
     assert fitted["normal angle error"] < 0.3 * smoothed["noisy"]["normal angle error"]  # measured 0.2
+    shrunk = json.loads((tmp_path / "new" / "figure_5.json").read_text("utf-8"))
+    without, fitted = shrunk["λ = 0, 30 iterations"], shrunk["λ = 0.5, 100"]
+    assert without["share of the area"] < fitted["share of the area"] - 0.05  # measured 0.81 and 0.92
+    coast = json.loads((tmp_path / "new" / "figure_7.json").read_text("utf-8"))
+    kept = coast["p = 0.5, directions"]
+    assert kept["share of the vertices"] < 0.5 and abs(kept["share of the area"] - 1) < 0.02
+    assert coast["Douglas and Peucker"]["vertices"] <= kept["vertices"]
+    surface = json.loads((tmp_path / "new" / "figure_8.json").read_text("utf-8"))
+    fewer = surface["to convergence"]
+    assert fewer["vertices"] < 0.2 * surface["initial"]["vertices"] and fewer["closed"]
+    assert abs(fewer["share of the volume"] - 1) < 0.02
+    assert surface["193 vertices asked for"]["vertices"] == 193
+    bones = json.loads((tmp_path / "new" / "figure_9.json").read_text("utf-8"))
+    assert 0 < bones["after"]["branches"] < bones["before"]["branches"]
     courses = json.loads((tmp_path / "new" / "solvers.json").read_text("utf-8"))
     assert list(courses) == ["p = 1", "p = 1.5", "p = 2", "p = 3"]
     for panel in courses.values():

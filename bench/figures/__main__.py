@@ -11,14 +11,18 @@ from typing import Any
 
 from gpureg.io import write_atomically
 
-from . import figure_1, figure_2, figure_4, figure_6, solvers
+from . import figure_1, figure_2, figure_4, figure_5, figure_6, figure_7, figure_8, figure_9, solvers
 
 # Each draws its figure, quickly and smaller or in full, on a backend, and gives the numbers back.
 FIGURES: dict[str, Callable[[bool, str], tuple[Any, dict[str, Any]]]] = {
     "figure_1": figure_1.draw,
     "figure_2": figure_2.draw,
     "figure_4": figure_4.draw,
+    "figure_5": figure_5.draw,
     "figure_6": figure_6.draw,
+    "figure_7": figure_7.draw,
+    "figure_8": figure_8.draw,
+    "figure_9": figure_9.draw,
     "solvers": solvers.draw,
 }
 
