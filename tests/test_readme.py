@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
+import trimesh
 from cases import irregular, rng
 
 import gpureg as gr
-from gpureg.cli import denoise, simplify
+from gpureg.cli import curve, denoise, mesh, points, simplify
 
 README = Path(__file__).parent.parent / "README.md"
 MATHEMATICS = README.parent / "docs" / "mathematics.md"
@@ -32,7 +34,7 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         "f0": rng(5).random(40),
     }
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.S)
-    assert len(blocks) == 9
+    assert len(blocks) == 10
     exec(blocks[0].replace("gr.denoise_image(image)  ", "gr.denoise_image(image[..., 0])  "), scene)
     assert scene["clean"].shape == (24, 25)
     assert scene["flat"].shape == (24, 25, 3)
@@ -74,17 +76,19 @@ def test_python_examples_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert scene["best"].parameters["h"] >= 1
     exec(blocks[8], scene)
     assert {"result.png", "weights.png", "energy.png"} <= {path.name for path in tmp_path.iterdir()}
+    scene["mesh"] = trimesh.creation.icosphere(3)
+    exec(blocks[9], scene)
+    assert type(scene["small"]) is trimesh.Trimesh and len(scene["small"].vertices) == 100
+    assert scene["labels"].max() == 1
 
 
-def test_console_examples_name_options_that_exist() -> None:
-    known = {option for parameter in denoise.params for option in parameter.opts}
-    calls = re.findall(r"^\$ gpureg denoise (.*)$", README.read_text("utf-8"), re.M)
-    assert len(calls) == 5
-    for call in calls:
-        assert set(re.findall(r"--[a-z-]+", call)) <= known, call
-    known = {option for parameter in simplify.params for option in parameter.opts}
-    calls = re.findall(r"^\$ gpureg simplify (.*)$", README.read_text("utf-8"), re.M)
-    assert len(calls) == 2
+@pytest.mark.parametrize(
+    ("command", "count"), [(denoise, 5), (simplify, 2), (mesh, 2), (curve, 1), (points, 2)], ids=lambda c: str(c)
+)
+def test_console_examples_name_options_that_exist(command: click.Command, count: int) -> None:
+    known = {option for parameter in command.params for option in parameter.opts}
+    calls = re.findall(rf"^\$ gpureg {command.name} (.*)$", README.read_text("utf-8"), re.M)
+    assert len(calls) == count
     for call in calls:
         assert set(re.findall(r"--[a-z-]+", call)) <= known, call
 
