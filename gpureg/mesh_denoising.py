@@ -11,14 +11,14 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from .build import mesh_graph
+from .build import face_graph, mesh_graph
 from .graph import FloatArray, Graph, IntArray
-from .mesh_noise import noise_along_normals, noise_on_graph
-from .normals import fitted_vertices, regularized_normals
+from .mesh_noise import noise_along_normals, noise_of_normals, noise_on_graph
+from .normals import fidelity_to_normals, fitted_vertices, regularized_normals
 from .regularization import regularize
 from .result import Result
 from .solvers import Jacobi
-from .surface import Surface, border_vertices
+from .surface import Surface, border_vertices, face_normals
 from .vertex_values import check_size, checked_flags, checked_values, fidelity_to_values
 from .weights import Weights, cotangent
 
@@ -201,10 +201,17 @@ class _Task:
         u, x = self.graph.edge_rows(), self.positions
         return float(np.linalg.norm(x[u] - x[self.graph.indices], axis=1).mean()) if len(u) else 0.0
 
+    @cached_property
+    def turned(self) -> float:
+        """Noise of the normals of the faces."""
+        return noise_of_normals(face_normals(self.positions, self.faces), face_graph(self.positions, self.faces))
+
     def filtered(self, filter: Filter) -> _Found:
         """Positions, by themselves or by the normals of their faces."""
         estimated = self.sigma is None
-        sigma = noise_along_normals(self.positions, self.faces, self.graph) if self.sigma is None else self.sigma
+        sigma = self.sigma
+        if sigma is None:
+            sigma = noise_along_normals(self.positions, self.faces, self.graph, self.turned)
         if filter == "normals":
             return self._by_normals(sigma, estimated)
         p = 2.0 if self.p is None else self.p
@@ -235,7 +242,8 @@ class _Task:
             lam = lam[self.faces].mean(axis=1)
         model = self.model | {"max_iter": _ITERATIONS if self.max_iter is None else self.max_iter}
         rounds = _ROUNDS if self.model["weights"] is None else 1
-        normals, results, used = regularized_normals(self.positions, self.faces, lam, p=p, rounds=rounds, **model)
+        used = fidelity_to_normals(self.turned) if lam is None else lam
+        normals, results = regularized_normals(self.positions, self.faces, used, p=p, rounds=rounds, **model)
         f = self.f0
         if results:
             f = fitted_vertices(self.positions, self.faces, normals, ~self.pinned, _FIT)

@@ -70,16 +70,15 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return normals
 
 
-def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph) -> float:
-    """:func:`estimate_mesh_noise` of a mesh whose graph is at hand."""
+def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: float) -> float:
+    """:func:`estimate_mesh_noise` of a mesh whose graph is at hand, and the noise of its faces' normals, `turned`."""
     heights = ((v - averaging(graph) @ v) * vertex_normals(v, faces)).sum(axis=1)
     differences = np.abs(second_differences(v, graph, heights))
     if not differences.size:
         return 0.0
     u = graph.edge_rows()
     edge = float(np.linalg.norm(v[u] - v[graph.indices], axis=1).mean())
-    most = _TILT * noise_of_normals(face_normals(v, faces), face_graph(v, faces)) * edge
-    return min(float(np.median(differences) / _MEDIAN), most)
+    return min(float(np.median(differences) / _MEDIAN), _TILT * turned * edge)
 
 
 def noise_of_normals(normals: FloatArray, graph: Graph) -> float:
@@ -127,4 +126,5 @@ def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None) -> float:
     """
     surface, _ = surface_of(mesh, faces).welded()
     v = surface.vertices - surface.vertices.mean(axis=0)
-    return noise_along_normals(v, surface.faces, mesh_graph(v, surface.faces))
+    turned = noise_of_normals(face_normals(v, surface.faces), face_graph(v, surface.faces))
+    return noise_along_normals(v, surface.faces, mesh_graph(v, surface.faces), turned)

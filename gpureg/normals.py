@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from .build import face_graph
 from .graph import FloatArray, IntArray
-from .mesh_noise import noise_of_normals
 from .regularization import regularize
 from .result import Result
 from .surface import face_normals
@@ -31,20 +30,20 @@ def fidelity_to_normals(noise: float) -> float:
 def regularized_normals(
     vertices: FloatArray,
     faces: IntArray,
-    lam: float | FloatArray | None,
+    lam: float | FloatArray,
     *,
     p: float,
     weights: Weights | npt.ArrayLike | None,
     rounds: int,
     **model: Any,
-) -> tuple[FloatArray, list[Result], float | FloatArray]:
+) -> tuple[FloatArray, list[Result]]:
     """Unit face normals regularized on the graph of faces that share a vertex, (F, 3).
 
     Parameters
     ----------
     vertices, faces : arrays
-    lam : float or (F,) array, optional
-        None: :func:`fidelity_to_normals` of their noise.
+    lam : float or (F,) array
+        As :func:`fidelity_to_normals` of their noise.
     p : float
     weights : Weights or array, optional
         None: 1 in the first round, then exp(-|n(u) - n(v)|^2 / 0.35^2) of the normals of the round before, which lets
@@ -57,13 +56,11 @@ def regularized_normals(
     Returns
     -------
     tuple
-        The normals, the result of each round, and the fidelity used.
+        The normals, and the result of each round.
     """
     n0 = face_normals(vertices, faces)
-    if lam is None:
-        lam = fidelity_to_normals(noise_of_normals(n0, face_graph(vertices, faces)))
     if isinstance(lam, float) and np.isinf(lam):
-        return n0, [], lam
+        return n0, []
     graph = face_graph(vertices, faces, across="vertex")
     # A face without area has no normal: it takes its neighbours'.
     flat = ~n0.any(axis=1)
@@ -74,7 +71,7 @@ def regularized_normals(
         chosen = guided(bilateral(np.inf, REACH), normals) if weights is None and k > 0 else weights
         results.append(regularize(n0, graph, p=p, lam=fidelity, weights=chosen, **model))
         normals = _units(results[-1].value.astype(np.float64), n0)
-    return normals, results, lam
+    return normals, results
 
 
 def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
