@@ -153,25 +153,29 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     if n_faces == 0:
         raise ValueError("there is no face to make a graph of")
     middles = positions[corners].mean(axis=1)
-    rows = np.repeat(np.arange(n_faces), k)
     if across == "vertex":
-        at = (rows, corners.ravel())
-        parts = sparse.csr_array((np.ones(len(rows), np.int32), at), shape=(n_faces, len(positions)))
+        at = (np.repeat(np.arange(n_faces), k), corners.ravel())
+        parts = sparse.csr_array((np.ones(corners.size, np.int32), at), shape=(n_faces, len(positions)))
         shared = sparse.csr_array(parts @ parts.T)
         shared.sort_indices()
         return _without_loops(shared, middles)
-    edges = np.sort(face_edges(corners), axis=1)
+    return _joined(*adjacent_faces(corners), n_faces, middles)
+
+
+def adjacent_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Pairs of faces that share an edge, each edge's once: two arrays of their numbers."""
+    edges = np.sort(face_edges(faces), axis=1)
     proper = edges[:, 0] != edges[:, 1]
-    keys = edges[proper] @ np.array([len(positions), 1])
+    keys = edges[proper] @ np.array([int(faces.max(initial=0)) + 1, 1])
     order = np.argsort(keys)
-    keys, owners = keys[order], rows[proper][order]
+    keys, owners = keys[order], np.flatnonzero(proper)[order] // faces.shape[1]
     # faces with an edge in common follow each other; where an edge has three or more, so do those further on
     pairs, step = [], 1
     while step < len(keys) and (same := keys[step:] == keys[:-step]).any():
         pairs.append(np.stack([owners[:-step][same], owners[step:][same]]))
         step += 1
     u, v = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.int64)
-    return _joined(u, v, n_faces, middles)
+    return u, v
 
 
 def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:

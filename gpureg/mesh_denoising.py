@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from .build import face_graph, mesh_graph
+from .build import adjacent_faces, mesh_graph
 from .graph import FloatArray, Graph, IntArray
 from .mesh_noise import noise_along_normals, noise_of_normals, noise_on_graph
 from .normals import fidelity_to_normals, fitted_vertices, regularized_normals
@@ -204,7 +204,7 @@ class _Task:
     @cached_property
     def turned(self) -> float:
         """Noise of the normals of the faces."""
-        return noise_of_normals(face_normals(self.positions, self.faces), face_graph(self.positions, self.faces))
+        return noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces))
 
     def filtered(self, filter: Filter) -> _Found:
         """Positions, by themselves or by the normals of their faces."""

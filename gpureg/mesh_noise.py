@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .build import face_graph, mesh_graph
+from .build import adjacent_faces, mesh_graph
 from .graph import FloatArray, Graph, IntArray
 from .surface import face_normals, face_vectors, surface_of
 
@@ -81,17 +81,19 @@ def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: fl
     return min(float(np.median(differences) / _MEDIAN), _TILT * turned * edge)
 
 
-def noise_of_normals(normals: FloatArray, graph: Graph) -> float:
-    """The median distance of a unit normal from the mean of those across the edges of its face.
+def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
+    """The median distance of a face's unit normal from the mean of those across its edges; faces u and v share one.
 
     At most what the median distance across an edge says: of a part made for a machine many a face lies at a crease,
     and yet most edges are flat.
     """
-    there = (np.diff(graph.indptr) > 0) & normals.any(axis=1)
+    n = len(normals)
+    count = np.bincount(u, minlength=n) + np.bincount(v, minlength=n)
+    there = (count > 0) & normals.any(axis=1)
     if not there.any():
         return 0.0
-    apart = np.linalg.norm(normals - averaging(graph) @ normals, axis=1)
-    u, v = graph.edge_rows(), graph.indices
+    sums = [np.bincount(u, x[v], n) + np.bincount(v, x[u], n) for x in np.ascontiguousarray(normals.T)]
+    apart = np.linalg.norm(normals - np.stack(sums, axis=1) / np.maximum(count, 1)[:, None], axis=1)
     across = np.linalg.norm(normals[u] - normals[v], axis=1)[there[u] & there[v]]
     return min(float(np.median(apart[there])), _ACROSS * float(np.median(across)) if across.size else 0.0)
 
@@ -126,5 +128,5 @@ def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None) -> float:
     """
     surface, _ = surface_of(mesh, faces).welded()
     v = surface.vertices - surface.vertices.mean(axis=0)
-    turned = noise_of_normals(face_normals(v, surface.faces), face_graph(v, surface.faces))
+    turned = noise_of_normals(face_normals(v, surface.faces), *adjacent_faces(surface.faces))
     return noise_along_normals(v, surface.faces, mesh_graph(v, surface.faces), turned)
