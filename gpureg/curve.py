@@ -19,6 +19,9 @@ from .solvers import Certified, Solver
 from .solvers.loop import Callback
 from .weights import Weights
 
+# Of fewer vertices noise cannot be told from shape.
+_TELLING = 12
+
 # Fidelities among which the noise chooses: ten to a decade.
 _FIDELITIES = np.logspace(-5, 4, 91)
 
@@ -151,7 +154,8 @@ def denoise_curve(
         Fidelity >= 0, a number or one per vertex (of all curves in turn); larger stays closer, infinity pins. 0 is
         Laplacian smoothing, which shrinks (figure 5); with it give `max_iter`. None: from the noise, see Notes.
     sigma : float, optional
-        Deviation of the noise of each coordinate. None estimates it, curve by curve, from second differences.
+        Deviation of the noise of each coordinate. None estimates it, curve by curve, from second differences; of
+        fewer than 12 vertices it is taken to be 0.
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge. None: 1.
     fixed : (n,) bool array, optional
@@ -264,7 +268,8 @@ def denoised_curves(
 
 
 def _noise(x: FloatArray, closed: bool) -> float:
-    return noise_on_graph(x - x.mean(axis=0), curve_graph(x, closed))
+    # of a square all four second differences are large, and none is noise
+    return noise_on_graph(x - x.mean(axis=0), curve_graph(x, closed)) if len(x) >= _TELLING else 0.0
 
 
 def _fidelity(x: FloatArray, closed: bool, sigma: float, p: float) -> float:

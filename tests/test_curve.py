@@ -217,3 +217,10 @@ WRONG = [
 def test_a_wrong_call_says_what_is_allowed(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_few_vertices_are_shape_not_noise():
+    """A square stays one, unless the noise is told."""
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    assert np.array_equal(gr.denoise_curve(square), square)
+    assert not np.array_equal(gr.denoise_curve(square, sigma=0.1), square)
