@@ -34,10 +34,12 @@ def cloud_of(points: Any) -> Cloud:
     TypeError, ValueError
         Another kind of thing, points that are not finite, a mesh with faces.
     """
+    pyvista = hasattr(points, "point_data") and hasattr(points, "points")
     # of the type: to ask a mesh for its normals would compute them
-    if hasattr(type(points), "face_normals") or len(getattr(points, "triangles", ())):
+    faces = getattr(points, "n_faces_strict", 0) if pyvista else hasattr(type(points), "face_normals")
+    if faces or len(getattr(points, "triangles", ())):
         raise TypeError("this is a mesh with faces: gpureg.denoise_mesh is for it, or give its vertices alone")
-    if hasattr(points, "point_data") and hasattr(points, "points"):  # PyVista
+    if pyvista:
         return Cloud(checked_points(points.points), lambda moved: _copied(points, "points", moved))
     if hasattr(points, "vertices") and hasattr(points, "copy"):  # trimesh
         return Cloud(checked_points(points.vertices), lambda moved: _copied(points, "vertices", moved))
