@@ -36,7 +36,7 @@ def cloud_of(points: Any) -> Cloud:
     """
     pyvista = hasattr(points, "point_data") and hasattr(points, "points")
     # of the type: to ask a mesh for its normals would compute them
-    faces = getattr(points, "n_faces_strict", 0) if pyvista else hasattr(type(points), "face_normals")
+    faces = len(getattr(points, "faces", ())) > 0 if pyvista else hasattr(type(points), "face_normals")
     if faces or len(getattr(points, "triangles", ())):
         raise TypeError("this is a mesh with faces: gpureg.denoise_mesh is for it, or give its vertices alone")
     if pyvista:
