@@ -183,9 +183,10 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     toll = round(compactness / unit)
 
     def length(u: FloatArray, v: FloatArray) -> Lengths:
-        d = (v.astype(np.float64) - u) / unit
+        # longer ones than f's range leave the mask, and are none
+        d = np.clip((v.astype(np.float64) - u) / unit, -LONGEST, LONGEST)
         variation = np.abs(d[:, 0]) if d.shape[1] == 1 else np.sqrt((d**2).sum(axis=1))
-        along: Lengths = np.rint(variation).astype(np.int32)
+        along: Lengths = np.rint(np.minimum(variation, LONGEST // 2)).astype(np.int32)
         return along + np.int32(toll)
 
     return along_edges(f, graph, length), unit

@@ -207,6 +207,16 @@ def test_level_function_takes_any_compactness():
     assert energy / 7e300 == pytest.approx([0, 1, 2, 1, 0], rel=2.0**-24)
 
 
+def test_level_inside_a_mask():
+    """What stands under the mask has no say, however far it is from what is inside."""
+    f = np.array([[1e30, 1e30, 5.0], [1e30, 1e30, 1e35]])
+    grid = gr.GridGraph((2, 3), mask=f == 1e30)
+    sources = np.array([[0, -1, -1], [-1, -1, -1]])
+    labels, energy = gr.energy_partition(f, grid, sources, return_energy=True, backend="numpy")
+    assert labels.tolist() == [[0, 0, -1], [0, 0, -1]]
+    assert np.array_equal(energy[grid.mask], np.zeros(4))
+
+
 @pytest.mark.one_driver
 def test_a_photograph(device, data_folder):
     """camera: the zones of all its extrema, as scipy's Dijkstra has them; each is one piece."""
