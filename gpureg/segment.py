@@ -99,7 +99,10 @@ def segment_mesh(
         share, over the mean length.
     met_at : float, optional
         Faces whose regularized values differ by less have met. None: 0.05; with `values` 0.05 of their range.
-    norm, solver, max_iter, tol, backend, dtype, callback, progress
+    norm : {"edge", "vertex"}, default "edge"
+        "edge" lets two parts meet at a time, for a sequence in small steps; with "vertex" all strips of a curved part
+        meet at once.
+    solver, max_iter, tol, backend, dtype, callback, progress
         As in :func:`gpureg.regularize`.
     eps : float, optional
         As there; None: a fifth of `met_at`.
