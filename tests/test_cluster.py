@@ -81,6 +81,27 @@ def test_small_ones_are_joined():
     assert np.array_equal(np.bincount(two), [120, 60])
 
 
+def test_outliers_do_not_count():
+    """Pairs far away from three blobs are none of the three that are asked for; a min_size of 1 lets them be."""
+    blobs = np.concatenate([RNG.normal(c, 1, (500, 2)) for c in ([0, 0], [20, 0], [0, 20])])
+    pairs = np.concatenate([RNG.normal(c, 0.1, (2, 2)) for c in ([300, 300], [-300, 0], [0, -400])])
+    truth = np.repeat(np.arange(3), 500)
+    points = np.concatenate([blobs, pairs])
+    found = gr.cluster_points(points, 3)
+    assert found.max() + 1 == 3 and rand_index(found[:1500], truth) == 1
+    # each pair goes where its nearest point is
+    nearest = [int(truth[np.argmin(((blobs - x) ** 2).sum(axis=1))]) for x in pairs]
+    assert found[1500:].tolist() == nearest
+    assert gr.cluster_points(points, 3, min_size=500).max() + 1 == 3
+    assert np.bincount(gr.cluster_points(points, 6, min_size=1)).min() == 2
+    # more than there are blobs: halves of them, of at least 1 percent each
+    for n in (4, 5, 8):
+        sizes = np.bincount(gr.cluster_points(points, n))
+        assert len(sizes) == n and sizes.min() >= 15
+    # as many as cannot be of that size: the size gives way
+    assert gr.cluster_points(points, 150).max() + 1 == 150
+
+
 @pytest.mark.parametrize(
     "points",
     [
@@ -154,7 +175,8 @@ def test_pieces_are_contracted():
         ({"n_clusters": 501}, ValueError, "n_clusters must lie in 1..500"),
         ({"n_clusters": 2.0}, TypeError, "n_clusters must be an integer"),
         ({"n_clusters": 499}, ValueError, "a larger lam leaves more"),
-        ({"n_clusters": 2, "min_size": 5}, ValueError, "leave it out, or n_clusters"),
+        ({"n_clusters": 5, "min_size": 120}, ValueError, "no 5 clusters of 120 points"),
+        ({"n_clusters": 2, "min_size": 0}, ValueError, "min_size must lie in"),
         ({"min_size": 0}, ValueError, "min_size must lie in"),
         ({"lam": 0}, ValueError, "lam must be finite and > 0"),
         ({"lam": "auto"}, TypeError, "lam must be a number"),
