@@ -19,8 +19,8 @@ import numpy as np
 
 import gpureg as gr
 from gpureg import backends
+from gpureg.figures.fig7 import douglas_peucker, measured
 
-from .figures.figure_7 import douglas_peucker, measured
 from .model import data
 
 # Pairs of clean and noisy meshes, and the angles that are asked for: by normals, and by positions.

@@ -18,7 +18,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-import gpureg as gr
+from ..graph import FloatArray, GridGraph
+from ..regularization import regularize
+from ..result import Result
+from ..weights import Weights, bilateral, patch
+from .inputs import Inputs
 
 DEGREES = (2.0, 1.0, 0.7, 0.3, 0.1, 0.01)
 ITERATIONS = 800
@@ -26,13 +30,14 @@ ITERATIONS = 800
 # on G_0: at 128 x 128 p = 0.01 leaves more flat zones than p = 0.1 (399, 374).
 EPS = 2.55
 # The name of each graph in the figures, and its weights.
-GRAPHS = {
+GRAPHS: dict[str, Weights | None] = {
     "G_0": None,
-    "G_8, w_1": gr.weights.bilateral(4, 20),
-    "G_8, w_2^5": gr.weights.patch(5, 20, a=2),
+    "G_8, w_1": bilateral(4, 20),
+    "G_8, w_2^5": patch(5, 20, a=2),
 }
-# Sides of the picture: in full, and quickly.
-SIDES = {False: 256, True: 128}
+WEIGHTS = "w_1: distances of 4 pixels and 20 grey levels; w_2^5: 11 x 11 patches, h = 20, a = 2"
+# Longer sides of the picture: in full, and quickly.
+SIDES = {False: 256, True: 96}
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Run:
     p: float
     value: npt.NDArray[Any]
     counts: Counts
-    result: gr.Result
+    result: Result
 
     def numbers(self) -> dict[str, Any]:
         """What the JSON says of it."""
@@ -70,17 +75,9 @@ class Run:
         return about | {"eps": self.result.eps, "seconds": round(self.result.seconds, 3), "method": self.result.method}
 
 
-def camera(side: int) -> npt.NDArray[np.float64]:
-    """scikit-image's camera picture, 0 to 255, reduced to so many pixels along a side, a divisor of 512."""
-    from skimage import data
-
-    step = 512 // side
-    return np.rint(data.camera().reshape(side, step, side, step).mean(axis=(1, 3)))
-
-
-def grid_of(graph: str, side: int) -> gr.GridGraph:
+def grid_of(graph: str, shape: tuple[int, ...]) -> GridGraph:
     """The grid of a graph of `GRAPHS`."""
-    return gr.GridGraph((side, side), 1, "cityblock") if graph == "G_0" else gr.GridGraph((side, side), 8)
+    return GridGraph(shape, 1, "cityblock") if graph == "G_0" else GridGraph(shape, 8)
 
 
 def count(value: npt.NDArray[Any]) -> Counts:
@@ -94,26 +91,33 @@ def count(value: npt.NDArray[Any]) -> Counts:
     return Counts(len(shares), main, int(zones))
 
 
-@functools.cache
-def runs(side: int, backend: str, iterations: int = ITERATIONS, degrees: tuple[float, ...] = DEGREES) -> list[Run]:
-    """The picture smoothed on each graph by each p, kept for the next figure."""
-    picture = camera(side)
+def smoothed(
+    picture: FloatArray, backend: str, iterations: int = ITERATIONS, degrees: tuple[float, ...] = DEGREES
+) -> list[Run]:
+    """A picture smoothed on each graph by each p."""
     done = []
     for graph, weights in GRAPHS.items():
         for p in degrees:
-            result = gr.regularize(
-                picture, grid_of(graph, side), p=p, lam=0, weights=weights, eps=EPS, max_iter=iterations,
+            result = regularize(
+                picture, grid_of(graph, picture.shape), p=p, lam=0, weights=weights, eps=EPS, max_iter=iterations,
                 backend=backend,
             )  # fmt: skip
             done.append(Run(graph, p, result.value, count(result.value), result))
     return done
 
 
-def numbers(side: int, shown: list[Run]) -> dict[str, Any]:
+@functools.lru_cache(maxsize=1)
+def runs(inputs: Inputs) -> list[Run]:
+    """The picture smoothed on each graph by each p, kept for the next figure."""
+    return smoothed(inputs.grey(SIDES[inputs.quick]).pixels, inputs.backend)
+
+
+def numbers(inputs: Inputs, shown: list[Run]) -> dict[str, Any]:
     """What the JSON of a figure says: the runs it shows."""
+    picture = inputs.grey(SIDES[inputs.quick])
     return {
-        "picture": f"scikit-image's camera, reduced to {side} x {side}",
-        "of the picture": asdict(count(camera(side))),
+        "picture": picture.name,
+        "of the picture": asdict(count(picture.pixels)),
         "lam": 0,
         "backend": shown[0].result.backend,
         "runs": [run.numbers() for run in shown],

@@ -1,0 +1,78 @@
+"""``gpureg figures``: the figures of the paper, each with what it shows."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from pathlib import Path
+
+import click
+
+from ..picture import PictureError
+from . import options
+from .group import sentences
+from .options import FILE
+from .terminal import say
+
+
+@click.command(
+    epilog="Example: gpureg figures paper/ --quick    gpureg figures paper/ --only 6 --only 8 --mesh bunny.ply"
+)
+@click.argument("folder", metavar="DIR", type=FILE)
+@click.option("--only", type=click.IntRange(1, 9), multiple=True, metavar="N", help="This figure alone; repeatable.")
+@click.option("--quick", is_flag=True, help="Smaller pictures and meshes: all within a minute.")
+@click.option("--image", type=FILE, help="Picture for figures 1 to 4.  [default: scikit-image's camera, astronaut]")
+@click.option("--mesh", type=FILE, help="Mesh for figures 6 and 8, such as the Stanford bunny.  [default: made ones]")
+@click.option(
+    "--curve", type=FILE, help="Closed curve for figures 5, 7 and 9.  [default: scikit-image's horse, a made coast]"
+)
+@click.option(
+    "--noise/--no-noise",
+    default=True,
+    show_default=True,
+    help="Add noise in figures 3, 5 and 6; without it, what is given is noisy itself.",
+)
+@options.backend
+@options.quiet
+def figures(
+    folder: Path,
+    only: tuple[int, ...],
+    quick: bool,
+    image: Path | None,
+    mesh: Path | None,
+    curve: Path | None,
+    noise: bool,
+    backend: str,
+    quiet: bool,
+) -> None:
+    """Draw the figures of Bougleux, Elmoataz and Melkemi (2009) into DIR.
+
+    fig1.png to fig9.png, each with its parameters and what to see in it, and with all of its numbers as JSON beside it.
+    Pictures come with scikit-image, meshes and the coast are made; each can be replaced by a file. DIR is made where
+    there is none.
+    """
+
+    def work() -> None:
+        try:
+            import matplotlib  # noqa: F401
+            import skimage  # noqa: F401
+        except ImportError as error:
+            raise click.ClickException(f"the figures need {error.name}: pip install 'gpureg[plot]'") from None
+        from ..figures import Inputs, draw_figures
+
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PictureError(f"{folder}: no folder can be made there, {error.strerror}") from None
+        inputs = Inputs(image, mesh, curve, noise, quick, backend)
+        written: list[str] = []
+        try:
+            for drawn, path, seconds in draw_figures(folder, inputs, only):
+                written.append(path.name)
+                if not quiet:
+                    say(f"{drawn.title}\n{textwrap.fill(drawn.see, 100)}\n{path}, {seconds:.1f} s\n")
+        except KeyboardInterrupt:
+            click.echo(f"gpureg: interrupted; written: {', '.join(written) or 'nothing'}", err=True)
+            sys.exit(130)
+
+    sentences(work)

@@ -1,0 +1,122 @@
+"""Figure 7: a polygon whose vertices aggregate as p falls below 1: above the vertices, below the polygons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import metrics
+from ..build import curve_graph
+from ..curve_simplify import simplify_curve
+from ..graph import FloatArray
+from ..pieces import met
+from ..plot.canvas import new_figure
+from ..regularization import regularize
+from .inputs import Inputs
+from .sheet import Drawn, caption, write_below
+
+DEGREES = (1.0, 0.5, 0.1)
+# Fidelity and smoothing where the mean segment is the unit of length, and the iterations allowed; vertices closer than
+# MET have met.
+LAM, EPS, MOST, TOLERANCE, MET = 0.001, 1e-3, 4000, 1e-7, 0.05
+
+
+def draw(inputs: Inputs) -> Drawn:
+    """The figure and its numbers."""
+    source = inputs.coast()
+    polygon = source.points
+    drawn: dict[str, FloatArray] = {"initial": polygon}
+    places = {"initial": polygon}
+    graph = curve_graph(polygon)
+    unit = metrics.curve_length(polygon) / len(polygon)
+    middle = polygon.mean(axis=0)
+    runs = {}
+    for p in DEGREES:
+        name = f"p = {p:g}"
+        result = regularize(
+            (polygon - middle) / unit, graph, p=p, lam=LAM, eps=EPS, norm="edge", max_iter=MOST, tol=TOLERANCE,
+            dtype=np.float64, backend=inputs.backend,
+        )  # fmt: skip
+        runs[name] = result
+        drawn[name] = result.value * unit + middle
+        places[name] = _met(drawn[name], met(result.value, graph, MET))
+    kept = simplify_curve(polygon, backend=inputs.backend)
+    drawn["p = 0.5, directions"] = places["p = 0.5, directions"] = kept
+    numbers: dict[str, Any] = {"curve": source.name, "lam": LAM, "eps": EPS}
+    for name in drawn:
+        numbers[name] = measured(places[name], polygon)
+        if name in runs:
+            numbers[name] |= {"iterations": runs[name].iterations, "stop": str(runs[name].stop)}
+    peer = douglas_peucker(polygon, len(kept))
+    numbers["Douglas and Peucker"] = measured(peer, polygon)
+    title = "Figure 7. A polygon simplified: for p < 1 its vertices aggregate"
+    settings = (
+        f"{source.name}; the graph is the polygon, w = 1, lam = {LAM:g} and eps = {EPS:g} in mean segments, each edge "
+        f"by itself (eq. 30), until convergence. The paper gives neither p nor lam. Last: simplify_curve, which "
+        f"regularizes the directions of segments instead."
+    )
+    one, last, ours = (numbers[name] for name in ("p = 1", f"p = {DEGREES[-1]:g}", "p = 0.5, directions"))
+    see = (
+        f"Of {len(polygon)} vertices {last['vertices']} places are left at p = {DEGREES[-1]:g}, with "
+        f"{100 * last['share of the area']:.2f} % of the area: corners stay and next to nothing shrinks, where p = 1 "
+        f"leaves {one['vertices']} places and {100 * one['share of the area']:.2f} %. By directions "
+        f"{ours['vertices']} vertices, {100 * ours['share of the area']:.2f} % and a Hausdorff distance of "
+        f"{ours['Hausdorff distance']:.3g}; Douglas and Peucker's at as many: "
+        f"{numbers['Douglas and Peucker']['Hausdorff distance']:.3g}."
+    )
+    figure = _sheet(drawn, places, source.upright, caption(title, settings, see))
+    return Drawn(title, settings, see, numbers, figure)
+
+
+def _met(points: FloatArray, label: npt.NDArray[Any]) -> FloatArray:
+    """One point, the mean, for each run of vertices that have met, in the order of the polygon."""
+    first = np.sort(np.unique(label, return_index=True)[1])
+    sums = [np.bincount(label, weights=x) for x in points.T]
+    means: FloatArray = np.stack(sums, axis=1) / np.bincount(label)[:, None]
+    in_order: FloatArray = means[label[first]]
+    return in_order
+
+
+def douglas_peucker(points: Any, count: int) -> Any:
+    """scikit-image's, with the tolerance that leaves so many vertices, or the next fewer."""
+    from skimage.measure import approximate_polygon
+
+    closed = np.concatenate([points, points[:1]])
+    low, high = 0.0, float(np.ptp(points, axis=0).max())
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if len(approximate_polygon(closed, middle)) - 1 > count else (low, middle)
+    return approximate_polygon(closed, high)[:-1]
+
+
+def measured(points: Any, before: Any) -> dict[str, float]:
+    """What was kept."""
+    return {
+        "vertices": len(points),
+        "share of the vertices": round(len(points) / len(before), 4),
+        "share of the area": round(abs(metrics.curve_area(points) / metrics.curve_area(before)), 5),
+        "Hausdorff distance": round(metrics.curve_hausdorff(points, before), 5),
+    }
+
+
+def _sheet(drawn: dict[str, FloatArray], places: dict[str, FloatArray], upright: bool, words: str) -> Any:
+    """Two rows: the vertices, and the polygons through the places that are left."""
+    figure = new_figure(3.2 * len(drawn), 7.6, "constrained")
+    every = next(iter(drawn.values()))
+    low, high = every.min(axis=0), every.max(axis=0)
+    middle, half = (low + high) / 2, 0.53 * float((high - low).max())
+    rows = figure.subplots(2, len(drawn))
+    for above, below, (name, points) in zip(*rows, drawn.items(), strict=True):
+        above.plot(points[:, 0], points[:, 1], ".", color="#c0392b", markersize=2.2)
+        closed = np.concatenate([places[name], places[name][:1]])
+        below.plot(closed[:, 0], closed[:, 1], color="#1f4e79", linewidth=0.9)
+        above.set_title(f"{name}\n{len(places[name])} places", fontsize=11)
+        for axes in (above, below):
+            axes.set_xlim(middle[0] - half, middle[0] + half)
+            axes.set_ylim(*sorted((middle[1] - half, middle[1] + half), reverse=not upright))
+            axes.set_aspect("equal")
+            axes.set_axis_off()
+    write_below(figure, words)
+    return figure

@@ -1,0 +1,118 @@
+"""What the figures share: their words and numbers, and a sheet of pictures."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..io import write_files
+from ..plot.canvas import new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Letters of a caption that an inch holds.
+_LETTERS = 13
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A figure.
+
+    Attributes
+    ----------
+    title : str
+        Its number and what it is of.
+    settings : str
+        What the paper gives and what it leaves open: graph, weights, p, lam, iterations.
+    see : str
+        What to see, with the numbers that say so.
+    numbers : dict
+        All numbers, as JSON holds them.
+    figure : matplotlib.figure.Figure
+    """
+
+    title: str
+    settings: str
+    see: str
+    numbers: dict[str, Any]
+    figure: Figure
+
+    def write(self, path: Path) -> None:
+        """Write the picture, and the words and numbers beside it as JSON; both or none."""
+        words = {"title": self.title, "settings": self.settings, "see": self.see}
+        text = json.dumps(words | self.numbers, indent=1) + "\n"
+        write_files(
+            {
+                path: lambda temporary: self.figure.savefig(temporary),
+                path.with_suffix(".json"): lambda temporary: temporary.write_text(text, "utf-8"),
+            }
+        )
+
+
+def caption(title: str, settings: str, see: str) -> str:
+    """The lines under a figure."""
+    return f"{title}\n{settings}\n{see}"
+
+
+class Panel(NamedTuple):
+    """A picture of a sheet: grey from 0 to 255, or red, green and blue."""
+
+    title: str
+    picture: npt.NDArray[Any]
+
+
+def write_below(figure: Figure, words: str) -> None:
+    """A caption below what is drawn; the layout leaves it room."""
+    across = int(figure.get_size_inches()[0] * _LETTERS)
+    lines = [line for paragraph in words.splitlines() for line in textwrap.wrap(paragraph, across)]
+    layout: Any = figure.get_layout_engine()
+    layout.set(w_pad=0.06, h_pad=0.06)
+    figure.supxlabel("\n".join(lines), fontsize=10)
+
+
+def show(axes: Axes, panel: Panel) -> None:
+    """Draw a picture into axes."""
+    picture = panel.picture
+    if picture.ndim == 3:
+        picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    axes.set_title(panel.title, fontsize=10)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def pictures(rows: Sequence[Sequence[Panel]], words: str, names: Sequence[str] = ()) -> Figure:
+    """A sheet of pictures of one shape, in rows that may have names, with a caption below."""
+    columns = max(map(len, rows))
+    height, width = rows[0][0].picture.shape[:2]
+    side = 3.0 if columns > 3 else 3.9
+    scale = side / max(height, width)
+    titled = 0.2 + 0.18 * max(panel.title.count("\n") + 1 for row in rows for panel in row)
+    across = columns * (scale * width + 0.1) + (0.4 if names else 0.1)
+    lines = sum(len(textwrap.wrap(line, int(across * _LETTERS))) for line in words.splitlines())
+    figure = new_figure(across, len(rows) * (scale * height + titled) + 0.2 + 0.2 * lines, "constrained")
+    axes = figure.subplots(len(rows), columns, squeeze=False)
+    for k, (line, row) in enumerate(zip(axes, rows, strict=True)):
+        for place, panel in zip(line, row, strict=False):
+            show(place, panel)
+        for place in line[len(row) :]:
+            place.set_axis_off()
+        if names:
+            line[0].set_ylabel(names[k], fontsize=12)
+    write_below(figure, words)
+    return figure
+
+
+def psnr(picture: npt.NDArray[Any], truth: npt.NDArray[Any]) -> float:
+    """Peak signal-to-noise ratio in dB, the peak 255."""
+    error = np.mean((np.asarray(picture, np.float64) - truth) ** 2)
+    return round(float(10 * np.log10(255**2 / error)), 2)
