@@ -317,6 +317,27 @@ class Graph:
         values = None if once is None else np.concatenate([once, once])[order]
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
+    def to_edges(self) -> tuple[IntArray, FloatArray | None]:
+        """Each undirected edge once: what :meth:`from_edges` takes.
+
+        Returns
+        -------
+        edges : (E, 2) int array
+            Pairs of vertices, the smaller first, in the order of the rows.
+        weights : (E,) float array or None
+            One weight per undirected edge; None where all are 1.
+
+        Examples
+        --------
+        >>> Graph.from_edges([[2, 0], [1, 2]], [1.0, 0.5]).to_edges()
+        (array([[0, 2],
+               [1, 2]]), array([1. , 0.5]))
+        """
+        rows = self.edge_rows()
+        once = rows < self.indices
+        edges = np.stack([rows[once], self.indices[once]], axis=1).astype(np.int64)
+        return edges, None if self.weights is None else self.weights[once]
+
     @classmethod
     def from_scipy(
         cls, matrix: Any, *, symmetrize: Symmetrize | None = None, positions: npt.ArrayLike | None = None

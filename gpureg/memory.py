@@ -176,7 +176,7 @@ def memory_needed(
     job = Job(
         channels=int(channels),
         norms=0 if p == 2 or norm == "edge" else 1 if coupled else int(channels),
-        weights=weights if weights is None or isinstance(weights, Weights) else np.asarray(weights),
+        weights=weights.on(graph) if isinstance(weights, Weights) else None if weights is None else np.asarray(weights),
         per_vertex=np.ndim(lam) > 0,
         stored=stored,
     )

@@ -165,7 +165,7 @@ class Problem:
             raise TypeError(f"coupled must be True or False, got {coupled!r}")
         given: Weights | FloatArray | None
         if weights is None or isinstance(weights, Weights):
-            given = weights
+            given = None if weights is None else weights.on(graph)
         elif np.asarray(weights).dtype.kind not in "biuf":
             raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
         elif isinstance(graph, GridGraph):

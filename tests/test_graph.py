@@ -98,6 +98,19 @@ def test_edges_in_any_order_and_direction_make_the_same_graph():
     assert a.to_scipy().toarray().tolist() == [[0, 1, 0, 3], [1, 0, 2, 0], [0, 2, 0, 0], [3, 0, 0, 0]]
 
 
+def test_to_edges_is_the_inverse_of_from_edges():
+    W = np.triu(np.random.default_rng(4).random((9, 9)), 1)
+    W[W < 0.6] = 0
+    edges = np.argwhere(W)
+    again, weights = Graph.from_edges(edges[::-1, ::-1], W[tuple(edges[::-1].T)], n_vertices=9).to_edges()
+    assert np.array_equal(again, edges) and np.array_equal(weights, W[tuple(edges.T)])
+    bare = GridGraph((3, 4), metric="cityblock").to_graph()
+    edges, none = bare.to_edges()
+    assert len(edges) == bare.n_edges // 2 == 17 and none is None
+    alone, weights = Graph.from_edges(np.zeros((0, 2), int), n_vertices=2).to_edges()
+    assert alone.shape == (0, 2) and weights is None
+
+
 def test_a_graph_may_have_no_edges():
     for graph in (
         Graph([0, 0], []),

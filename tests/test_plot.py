@@ -95,6 +95,16 @@ def test_the_data_range_is_that_of_the_integers_or_the_references(image, referen
 # compare
 
 
+def test_a_notebook_is_shown_the_picture():
+    """IPython asks a value for this method; what it gives is the picture that would be written."""
+    import io
+
+    figure = gr.plot.compare(*picture((20, 30)))
+    with Image.open(io.BytesIO(figure._repr_png_())) as shown:
+        assert shown.format == "PNG"
+        assert shown.size == tuple(figure.canvas.get_width_height())
+
+
 def test_compare_grey(tmp_path):
     clean, noisy = picture((40, 60))
     eight = np.clip(np.rint(255 * noisy), 0, 255).astype(np.uint8)

@@ -127,6 +127,29 @@ def test_weights_that_do_not_fit_the_graph() -> None:
             gr.regularize(f0, made, weights=weights, backend="numpy")
 
 
+@pytest.mark.parametrize("q", [(), (3,)])
+def test_a_guide_in_the_shape_of_the_grid(device, q):
+    """The same as rows, on the grid and on its stored twin, and in what the memory is said to be."""
+    grid = gr.GridGraph((12, 9), 2)
+    f0, guide = rng(1).random((12, 9)), rng(2).random((12, 9, *q))
+    for made, data in ((grid, f0), (grid.to_graph(), f0.ravel())):
+        found = [
+            gr.regularize(
+                data, made, weights=gr.weights.guided(gr.weights.patch(1, 0.5), g), max_iter=2, backend=device
+            )
+            for g in (guide, guide.reshape(108, -1))
+        ]
+        assert np.array_equal(found[0].value, found[1].value)
+    rows, shaped = (
+        gr.memory_needed(grid, weights=gr.weights.guided(gr.weights.patch(1, 0.5), g), backend=device)
+        for g in (guide.reshape(108, -1), guide)
+    )
+    assert rows == shaped
+    for wrong in (guide[1:], guide[:, 1:]):
+        with pytest.raises(ValueError, match=r"108 rows, one per vertex, or the grid's shape \(12, 9\)"):
+            gr.regularize(f0, grid, weights=gr.weights.guided(gr.weights.patch(1, 0.5), wrong), backend="numpy")
+
+
 def test_points_that_all_but_coincide(device):
     """1/d^2 beyond the type gets a sentence; float64 holds it."""
     points = np.random.default_rng(8).random((30, 2))

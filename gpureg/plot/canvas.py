@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import io
 import os
 import textwrap
 from collections.abc import Sequence
@@ -56,11 +58,24 @@ def check_path(path: Path_ | None) -> None:
 def new_figure(width: float, height: float, layout: Literal["constrained"] | None = None) -> Figure:
     """An empty figure that no window and no global state knows, sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
+    figure: Figure = _shown()(figsize=(width, height), dpi=110, layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+@functools.cache
+def _shown() -> Any:
+    """Matplotlib's figure that a notebook shows where it is the last value of a cell, without pyplot."""
+    from matplotlib.figure import Figure
+
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            written = io.BytesIO()
+            self.savefig(written, format="png")
+            return written.getvalue()
+
+    return Shown
 
 
 def finish(figure: Figure, path: Path_ | None) -> Figure:

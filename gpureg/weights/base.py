@@ -27,6 +27,16 @@ class Weights(ABC):
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
 
+    def on(self, graph: AnyGraph) -> Weights:
+        """The same weight function with its data, if it has any, as rows, one for each vertex of a graph.
+
+        Raises
+        ------
+        ValueError
+            Data that do not fit the graph.
+        """
+        return self
+
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """The weight function that gives a part of the grid the weights it has in the whole, to the bit.
 

@@ -6,7 +6,6 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +37,10 @@ class Compared(Weights):
         """Channels q of what is compared, where the data have m."""
         return m
 
+    def on(self, graph: AnyGraph) -> Weights:
+        """The weight function it is given to, for a graph."""
+        return replace(self, weights=self.weights.on(graph))
+
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
         """The graph with weights computed from what is compared."""
         return self.weights.prepare(backend, graph, self.of(graph, f0))
@@ -55,14 +58,21 @@ class Guided(Compared):
     guide: FloatArray
 
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
-        """The guide, once it has a row for every vertex of the graph."""
-        if len(self.guide) != graph.n_vertices:
-            raise ValueError(f"the guide must have {graph.n_vertices} rows, one per vertex, got {len(self.guide)}")
-        return self.guide
+        """The guide as rows, once it has one for every vertex of the graph."""
+        n, shape = graph.n_vertices, self.guide.shape
+        grid = graph if isinstance(graph, GridGraph) else graph.grid
+        if shape[0] != n and (grid is None or shape[: grid.ndim] != grid.shape):
+            also = "" if grid is None else f" or the grid's shape {grid.shape}"
+            raise ValueError(f"the guide must have {n} rows, one per vertex,{also} got shape {shape}")
+        return self.guide.reshape(n, -1)
 
     def channels(self, m: int) -> int:
-        """The guide's."""
+        """The guide's, once it is rows."""
         return int(self.guide.shape[1])
+
+    def on(self, graph: AnyGraph) -> Weights:
+        """The guide as rows."""
+        return Guided(self.weights.on(graph), self.of(graph, self.guide))
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """The weight function's part, with the guide's."""
@@ -152,7 +162,7 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
     Parameters
     ----------
     weights : Weights
-    guide : (n,) or (n, q) float array
+    guide : (n,) or (n, q) float array, on a grid also shape or shape + (q,)
         What the weights compare, one row per vertex, e.g. a cleaner picture of the same scene.
 
     Raises
@@ -160,9 +170,8 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
     TypeError, ValueError
         No weight function, or a guide that is not finite; at use, another number of vertices.
     """
-    table: Any = np.array(guide, dtype=np.float64)
-    table = table.reshape(len(table), -1) if table.ndim else table
-    if table.ndim != 2 or not np.isfinite(table).all():
+    table = np.array(guide, dtype=np.float64)
+    if not table.ndim or not len(table) or not np.isfinite(table).all():
         raise ValueError(f"the guide must be finite, one row per vertex, got shape {table.shape}")
     return Guided(_expect_weights(weights), table)
 
