@@ -1,0 +1,37 @@
+"""The pages on other libraries, on parameters and on performance run, and print what they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pages
+import pytest
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def _run(name: str, folder: Path, *needed: str) -> list[pages.Block]:
+    """Run a page where all that it imports is installed."""
+    page = DOCS / name
+    if not page.exists():
+        pytest.skip("the page is not beside the tests")
+    for peer in needed:
+        pytest.importorskip(peer)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("GPUREG_BACKEND", raising=False)
+        patch.delenv("GPUREG_MEMORY", raising=False)
+        ran = list(pages.run(page, folder))
+    assert all(block.said for block in ran), [block.line for block in ran if not block.said]
+    return ran
+
+
+def test_coming_from_prints_what_it_says(tmp_path: Path) -> None:
+    """Distances have two digits, of which the last may show a device or a peer's version."""
+    ran = _run("coming_from.md", tmp_path, "skimage", "cv2", "networkx", "pyamg")
+    assert len(ran) == 9
+    for block in ran:
+        assert pages.same(block.said, block.printed, 0.15), (block.line, block.printed)
+    # what is exact
+    printed = "".join(block.printed for block in ran)
+    assert "the same partition: True" in printed and "within its bound: True" in printed
+    assert printed.count("below 1e-09") >= 8
