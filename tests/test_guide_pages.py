@@ -35,3 +35,15 @@ def test_coming_from_prints_what_it_says(tmp_path: Path) -> None:
     printed = "".join(block.printed for block in ran)
     assert "the same partition: True" in printed and "within its bound: True" in printed
     assert printed.count("below 1e-09") >= 8
+
+
+def test_parameters_prints_what_it_says(tmp_path: Path) -> None:
+    """Decibels and shares have few digits; sweeps until a test is met differ between devices."""
+    ran = _run("parameters.md", tmp_path, "skimage")
+    assert len(ran) == 13
+    for block in ran:
+        assert pages.same(block.said, block.printed, 0.15), (block.line, block.printed)
+    # what is exact
+    printed = "".join(block.printed for block in ran)
+    assert ": False" not in printed and printed.count(": True") == 4
+    assert "\n0.0 " in printed, "pinned vertices keep their data"
