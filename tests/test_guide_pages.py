@@ -7,6 +7,8 @@ from pathlib import Path
 import pages
 import pytest
 
+from gpureg import backends
+
 DOCS = Path(__file__).parent.parent / "docs"
 
 
@@ -47,3 +49,14 @@ def test_parameters_prints_what_it_says(tmp_path: Path) -> None:
     printed = "".join(block.printed for block in ran)
     assert ": False" not in printed and printed.count(": True") == 4
     assert "\n0.0 " in printed, "pinned vertices keep their data"
+
+
+def test_performance_prints_what_it_says(tmp_path: Path) -> None:
+    """Bytes a vertex differ by the padding of a device; the rest is exact."""
+    if "opencl" in backends.absent():
+        pytest.skip("the page tells the memory of an OpenCL device, and there is none")
+    ran = _run("performance.md", tmp_path)
+    assert len(ran) == 5
+    for block in ran:
+        assert pages.same(block.said, block.printed, 0.15), (block.line, block.printed)
+    assert "False" not in "".join(block.printed for block in ran)
