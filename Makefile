@@ -6,7 +6,7 @@ VENV ?= .venv
 PYTEST_ARGS ?= -n 2 --dist loadfile
 BIN = $(VENV)/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench docs clean
 
 demo: $(VENV)/.demo-ready
 	$(BIN)/gpureg demo
@@ -22,6 +22,11 @@ lint: $(VENV)/.test-ready
 bench: $(VENV)/.bench-ready
 	mkdir -p bench/results
 	$(BIN)/python -m bench --json bench/results/bench.json --plot bench/results/bench.png
+
+docs: $(VENV)/.docs-ready
+	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
+	$(BIN)/python docs/links.py build/docs
+	@echo open build/docs/index.html
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -39,5 +44,9 @@ $(VENV)/.bench-ready: pyproject.toml $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet -e '.[pocl,warp,plot,bench]'
 	touch $@
 
+$(VENV)/.docs-ready: pyproject.toml $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -e '.[pocl,docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist docs/api docs/figures docs/figures.md docs/gallery

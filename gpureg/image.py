@@ -68,7 +68,7 @@ def denoise_image(
         Degree of regularity > 0; None takes 2.
     lam : float, array or str, optional
         Fidelity >= 0, a number or one value per pixel: larger stays closer to the image. "discrepancy", "sure" or
-        "j-invariance" search for it (:mod:`gpureg.tuning`), in some 15 runs; None takes a rule.
+        "j-invariance" search for it (:mod:`gpureg.tuning`), in 5 to 15 runs; None takes a rule.
     radius : float, optional
         Reach of the window, in the units of `spacing`; None takes 10 of the smallest cells, 7 where weights are given,
         2 in a volume, or the nearest neighbours for constant weights.

@@ -70,7 +70,7 @@ def plan_denoising(
     from the noisy one: the more there is to keep, the larger lam; sigma^(p - 2) is the scale law of the model. In m
     coupled channels it is m^(p/2 - 1) as large, along d axes (d/2)^(p/2); a map of sigma makes it one, as 1/sigma^2.
     Fitted on 11 photographs at sigma 5 to 40; on ten of them at p from 0.5 to 2 within 0.05 dB of the best lam on
-    average, at worst 0.6. lam="sure" comes within 0.01 dB, in some 15 runs instead of one; "discrepancy" smooths too
+    average, at worst 0.6. lam="sure" comes within 0.01 dB, in 8 runs instead of one; "discrepancy" smooths too
     much, by 0.7 dB at p = 1; "j-invariance" needs no white noise.
 
     With `nearest` and p other than 2, patches of 7 x 7 over a window of 21 x 21, h = sigma per sample,

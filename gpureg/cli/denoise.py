@@ -58,7 +58,7 @@ _OPTIONS_OF_WEIGHTS = {
     "--lam",
     type=_fidelity,
     metavar="FLOAT|METHOD",
-    help="Fidelity >= 0: larger stays closer to the picture; or a search for it, in some 15 runs: "
+    help="Fidelity >= 0: larger stays closer to the picture; or a search for it, in 5 to 15 runs: "
     f"{', '.join(LAM_METHODS)}.  [default: by rule, from the noise]",
 )
 @click.option("--radius", type=float, help="Reach of the window in pixels, or units of --spacing.")

@@ -1,0 +1,19 @@
+"""Pictures of the gallery: a block's figures, which no pyplot knows, written where sphinx-gallery looks for them."""
+
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst
+
+_seen: dict[int, Figure] = {}
+
+
+def scraper(block, block_vars, gallery_conf):
+    """Write the figures that a block has made into variables."""
+    paths = []
+    for value in block_vars["example_globals"].values():
+        if isinstance(value, Figure) and id(value) not in _seen:
+            # held, so that no later figure gets its number
+            _seen[id(value)] = value
+            path = next(block_vars["image_path_iterator"])
+            value.savefig(path, dpi=110)
+            paths.append(path)
+    return figure_rst(paths, gallery_conf["src_dir"])
