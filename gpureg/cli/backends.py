@@ -8,13 +8,18 @@ import sys
 import click
 
 from .. import backends
+from .options import examples
 
 
 def _gibibytes(count: int) -> str:
     return f"{count / 2**30:.1f} GiB" if count else "?"
 
 
-@click.command("backends", epilog="Example: GPUREG_BACKEND=warp:cpu gpureg denoise noisy.png clean.png")
+@click.command(
+    "backends",
+    short_help="List the devices there are.",
+    epilog=examples("GPUREG_BACKEND=warp:cpu gpureg denoise noisy.png clean.png"),
+)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
 def list_backends(as_json: bool) -> None:
     """List the devices gpureg can use, which one `auto` takes, and what would bring the absent ones."""

@@ -20,8 +20,11 @@ from .terminal import say
 
 
 @click.command(
-    epilog="Example: gpureg curve coast.geojson simple.geojson --simplify --picture both.png    "
-    "gpureg curve outline.csv smooth.csv --skeleton bones.svg"
+    epilog=options.examples(
+        "gpureg curve coast.geojson simple.geojson --simplify --picture both.png",
+        "gpureg curve outline.csv smooth.csv --skeleton bones.svg",
+    ),
+    short_help="Denoise or simplify polygonal curves; their skeletons.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)

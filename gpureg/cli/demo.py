@@ -13,11 +13,11 @@ from ..image import run_plan
 from ..io import PictureError, check_destination
 from ..planning import plan_denoising
 from .group import sentences
-from .options import FILE
+from .options import FILE, examples
 from .terminal import say
 
 
-@click.command(epilog="Example: gpureg demo")
+@click.command(epilog=examples("gpureg demo"), short_help="Denoise a picture that comes with scikit-image.")
 @click.argument("target", metavar="[OUT]", default="gpureg-demo.png", type=FILE)
 @click.option("--sigma", type=float, default=20.0, show_default=True, help="Noise to add, of 255.")
 @click.option("--backend", default="auto", show_default=True, help="Where to run.")

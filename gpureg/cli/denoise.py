@@ -48,8 +48,10 @@ _OPTIONS_OF_WEIGHTS = {
 
 
 @click.command(
-    epilog="Example: gpureg denoise noisy.png clean.png    "
-    "With total variation instead: gpureg denoise noisy.png clean.png --p 1"
+    epilog=options.examples(
+        "gpureg denoise noisy.png clean.png", "gpureg denoise noisy.png clean.png --p 1    # total variation"
+    ),
+    short_help="Denoise pictures, volumes, series.",
 )
 @click.argument("paths", metavar="IN... OUT", nargs=-1)
 @click.option("--sigma", type=float, help="Noise's standard deviation in pixel values.  [default: estimated]")

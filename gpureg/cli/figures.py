@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from pathlib import Path
 
 import click
 
 from ..picture import PictureError
+from ..solvers.loop import progress_bar
 from . import options
 from .group import sentences
 from .options import FILE
@@ -16,7 +16,10 @@ from .terminal import say
 
 
 @click.command(
-    epilog="Example: gpureg figures paper/ --quick    gpureg figures paper/ --only 6 --only 8 --mesh bunny.ply"
+    epilog=options.examples(
+        "gpureg figures paper/ --quick", "gpureg figures paper/ --only 6 --only 8 --mesh bunny.ply"
+    ),
+    short_help="Draw the figures of the paper.",
 )
 @click.argument("folder", metavar="DIR", type=FILE)
 @click.option("--only", type=click.IntRange(1, 9), multiple=True, metavar="N", help="This figure alone; repeatable.")
@@ -34,6 +37,7 @@ from .terminal import say
 )
 @options.backend
 @options.quiet
+@options.progress
 def figures(
     folder: Path,
     only: tuple[int, ...],
@@ -44,6 +48,7 @@ def figures(
     noise: bool,
     backend: str,
     quiet: bool,
+    progress: bool | None,
 ) -> None:
     """Draw the figures of Bougleux, Elmoataz and Melkemi (2009) into DIR.
 
@@ -51,6 +56,7 @@ def figures(
     Pictures come with scikit-image, meshes and the coast are made; each can be replaced by a file. DIR is made where
     there is none.
     """
+    show = (sys.stderr.isatty() if progress is None else progress) and not quiet
 
     def work() -> None:
         try:
@@ -58,7 +64,7 @@ def figures(
             import skimage  # noqa: F401
         except ImportError as error:
             raise click.ClickException(f"the figures need {error.name}: pip install 'gpureg[plot]'") from None
-        from ..figures import Inputs, draw_figures
+        from ..figures import FIGURES, Inputs, draw_figures
 
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -67,10 +73,18 @@ def figures(
         inputs = Inputs(image, mesh, curve, noise, quick, backend)
         written: list[str] = []
         try:
-            for drawn, path, seconds in draw_figures(folder, inputs, only):
+            figures = draw_figures(folder, inputs, only)
+            while True:
+                # the bar is gone before there is a word to say
+                with progress_bar(show, len(set(only)) or len(FIGURES), "figures") as report:
+                    report(len(written))
+                    found = next(figures, None)
+                if found is None:
+                    return
+                drawn, path, seconds = found
                 written.append(path.name)
                 if not quiet:
-                    say(f"{drawn.title}\n{textwrap.fill(drawn.see, 100)}\n{path}, {seconds:.1f} s\n")
+                    say(f"{drawn.title}\n{drawn.see}\n{path}, {seconds:.1f} s\n")
         except KeyboardInterrupt:
             click.echo(f"gpureg: interrupted; written: {', '.join(written) or 'nothing'}", err=True)
             sys.exit(130)

@@ -63,4 +63,7 @@ class _Group(click.Group):
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="gpureg")
 def main() -> None:
-    """Denoise and simplify pictures by p-Laplacian regularization on weighted graphs, on the fastest device at hand."""
+    """Denoise, simplify and cluster pictures, volumes, meshes, curves and point clouds.
+
+    By p-Laplacian regularization on weighted graphs, on the fastest device at hand.
+    """

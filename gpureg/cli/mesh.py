@@ -20,9 +20,12 @@ from .terminal import say
 
 
 @click.command(
-    epilog="Example: gpureg mesh scan.ply clean.ply --picture both.png    "
-    "As in the paper's Fig. 6: gpureg mesh bunny.ply smooth.ply --filter vertices --weights inverse-square --lam 0 "
-    "--max-iter 8"
+    epilog=options.examples(
+        "gpureg mesh scan.ply clean.ply --picture both.png",
+        "gpureg mesh part.stl small.ply --n-vertices 5000",
+        "gpureg mesh bunny.ply smooth.ply --filter vertices --weights inverse-square --lam 0 --max-iter 8    # Fig. 6",
+    ),
+    short_help="Denoise or simplify a triangle mesh.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)

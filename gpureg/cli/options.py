@@ -6,6 +6,12 @@ from pathlib import Path
 
 import click
 
+
+def examples(*calls: str) -> str:
+    """Calls under a command's help, a line each, which click would run together."""
+    return "\n".join(["\b", "Example:" if len(calls) == 1 else "Examples:", *(f"  {call}" for call in calls)])
+
+
 FILE = click.Path(path_type=Path, readable=False)
 
 solver = click.option(

@@ -28,8 +28,10 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 @click.command(
-    epilog="Example: gpureg points scan.ply clean.ply --picture both.png    gpureg points cells.csv labelled.csv "
-    "--cluster"
+    epilog=options.examples(
+        "gpureg points scan.ply clean.ply --picture both.png", "gpureg points cells.csv labelled.csv --cluster"
+    ),
+    short_help="Denoise or cluster a point cloud.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)

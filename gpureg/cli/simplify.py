@@ -40,8 +40,11 @@ def _sources(text: str) -> str | int:
 
 
 @click.command(
-    epilog="Example: gpureg simplify photo.png simple.png --labels regions.tif    "
-    "As in the paper's Fig. 4: gpureg simplify photo.png simple.png --smooth 0 --lam 0"
+    epilog=options.examples(
+        "gpureg simplify photo.png simple.png --labels regions.tif",
+        "gpureg simplify photo.png simple.png --smooth 0 --lam 0    # Fig. 4",
+    ),
+    short_help="A picture as a few regions.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)
