@@ -2,8 +2,8 @@
 Outlines
 ========
 
-An outline is a graph that is a ring, and its coordinates are a function on it. :func:`gpureg.denoise_curve` estimates the
-noise and takes it away; :func:`gpureg.simplify_curve` keeps the vertices at which the direction changes.
+An outline is a graph that is a ring, and its coordinates are a function on it. :func:`gpureg.denoise_curve` estimates
+the noise and takes it away; :func:`gpureg.simplify_curve` keeps the vertices at which the direction changes.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ for name, curve in curves.items():
     print(f"{name}: error {error:.2f} pixels, length {100 * length:.0f} %")
 
 # %%
-# The head. For curves p = 1 is no gain: the sum of the lengths between neighbours is least where vertices gather at few
-# places with straight leaps between them.
+# The head. For curves p = 1 is no gain: the sum of the lengths between neighbours is least where vertices gather at
+# few places with straight leaps between them.
 
 
 def near_head(curve):
@@ -38,8 +38,8 @@ figure = gr.plot.curves({name: near_head(curve) for name, curve in curves.items(
 figure
 
 # %%
-# Fewer vertices, chosen by the directions of the segments, or by their places alone, which thins the curve evenly. The
-# distance is Hausdorff's, from the outline without noise.
+# Fewer vertices, chosen by the directions of the segments, or by their places alone, which thins the curve evenly.
+# The distance is Hausdorff's, from the outline without noise.
 
 clean = curves["p = 2"]
 simple = {"directions": gr.simplify_curve(clean)}
