@@ -12,11 +12,11 @@ from skimage import data, measure
 import gpureg as gr
 
 # %%
-# The outline of scikit-image's horse, every second vertex of it, and the same with noise of one pixel. The estimate
+# The outline of scikit-image's horse, every third vertex of it, and the same with noise of one pixel. The estimate
 # says how much noise there is; the fidelity follows.
 
 outline = max(measure.find_contours(~data.horse(), 0.5), key=len)
-horse = outline[:-1:2, ::-1]
+horse = outline[:-1:3, ::-1]
 noisy = horse + np.random.default_rng(0).normal(0, 1.0, horse.shape)
 curves = {"noisy": noisy, "p = 2": gr.denoise_curve(noisy), "p = 1": gr.denoise_curve(noisy, p=1)}
 for name, curve in curves.items():
