@@ -44,7 +44,7 @@ figure
 clean = curves["p = 2"]
 simple = {"directions": gr.simplify_curve(clean)}
 for function in ("directions", "positions"):
-    simple[f"{function}, 60"] = gr.simplify_curve(clean, function=function, n_vertices=60)
+    simple[f"{function}, 60"] = gr.simplify_curve(clean, function=function, n_vertices=60, max_iter=500)
 for name, curve in simple.items():
     print(f"{name}: {len(curve)} of {len(clean)}, {gr.metrics.curve_hausdorff(curve, horse):.1f} pixels away at most")
 
