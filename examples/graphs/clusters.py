@@ -3,8 +3,8 @@ Clusters of any shape
 =====================
 
 For p < 1 the coordinates of points are drawn together along the edges of their graph until neighbours meet.
-:func:`gpureg.cluster_points` takes those that met as pieces and joins the pieces that hang together most. Rings are found
-as well as blobs; points that belong to nothing go to the cluster of the nearest point.
+:func:`gpureg.cluster_points` takes those that met as pieces and joins the pieces that hang together most. Rings are
+found as well as blobs; points that belong to nothing go to the cluster of the nearest point.
 """
 
 import numpy as np
@@ -17,17 +17,19 @@ import gpureg as gr
 rng = np.random.default_rng(0)
 turn = rng.uniform(0, 2 * np.pi, 600)
 radius = np.repeat([1.0, 2.2], [200, 400]) + rng.normal(0, 0.07, 600)
-points = np.concatenate([
-    radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1),
-    rng.normal((4.5, 1.2), 0.35, (300, 2)),
-    rng.normal((4.6, -1.2), (0.6, 0.2), (300, 2)),
-    rng.uniform(-3, (6.5, 3), (60, 2)),
-])
+points = np.concatenate(
+    [
+        radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1),
+        rng.normal((4.5, 1.2), 0.35, (300, 2)),
+        rng.normal((4.6, -1.2), (0.6, 0.2), (300, 2)),
+        rng.uniform(-3, (6.5, 3), (60, 2)),
+    ]
+)
 truth = np.repeat([0, 1, 2, 3, -1], [200, 400, 300, 300, 60])
 
 # %%
-# With no number given, joining stops at the widest gap between the joins. The table counts, for each cluster, how many
-# points of each kind are in it; the last column holds the outliers.
+# With no number given, joining stops at the widest gap between the joins. The table counts, for each cluster, how
+# many points of each kind are in it; the last column holds the outliers.
 
 labels = gr.cluster_points(points)
 for k in range(labels.max() + 1):

@@ -2,8 +2,8 @@
 Labels from a few known ones
 ============================
 
-A few points have a label. :func:`gpureg.propagate_labels` pins them and regularizes one function per class on a graph of
-neighbours; a point takes the class whose function is largest there. Which p is best depends on what parts the
+A few points have a label. :func:`gpureg.propagate_labels` pins them and regularizes one function per class on a graph
+of neighbours; a point takes the class whose function is largest there. Which p is best depends on what parts the
 classes: a gap between them, or the distance to the labels.
 """
 
@@ -42,11 +42,11 @@ def experiment(points, truth, known, draws=3):
 
 # %%
 # Two half circles with a gap between them, and one label each, at the crosses. The colour is the score of the second
-# class, from 0 to 1; from 1/2 on a point belongs to it. A small p changes where few edges cross, that is in the gap. A
-# large p changes slowly everywhere, and so also along a half circle.
+# class, from 0 to 1; from 1/2 on a point belongs to it. A small p changes where few edges cross, that is in the gap.
+# A large p changes slowly everywhere, and so also along a half circle.
 
-angle = rng.uniform(0, np.pi, 300)
-moon = np.arange(300) % 2
+angle = rng.uniform(0, np.pi, 240)
+moon = np.arange(240) % 2
 points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
 points[moon == 1] = (1, 0.5) - points[moon == 1]
 points += rng.normal(0, 0.1, points.shape)
@@ -55,10 +55,10 @@ figure = experiment(points, moon, known=(1, 1))
 figure
 
 # %%
-# The halves of a rectangle that is filled evenly, one label in the left half and five in the right. There is no gap to
-# find. At p = 2 a function has a spike at a single label and soon falls to the value that most labels ask for; at
+# The halves of a rectangle that is filled evenly, one label in the left half and five in the right. There is no gap
+# to find. At p = 2 a function has a spike at a single label and soon falls to the value that most labels ask for; at
 # 1.5 almost all points go to the class with five. At 4 it is the distance that counts.
 
-points = rng.uniform(0, 1, (600, 2)) * (2, 1)
+points = rng.uniform(0, 1, (500, 2)) * (2, 1)
 figure = experiment(points, (points[:, 0] > 1).astype(int), known=(1, 5))
 figure

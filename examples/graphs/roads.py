@@ -16,8 +16,8 @@ from scipy.spatial import Delaunay
 import gpureg as gr
 
 # %%
-# Crossings at random, joined with their neighbours in the Delaunay triangulation. Long roads are left out, a quarter of
-# the others, and all that cross the river but three bridges. What hangs together with none of the rest is dropped.
+# Crossings at random, joined with their neighbours in the Delaunay triangulation. Long roads are left out, a quarter
+# of the others, and all that cross the river but three bridges. What hangs together with none of the rest is dropped.
 
 rng = np.random.default_rng(0)
 places = rng.uniform(0, 10, (1200, 2))
@@ -51,8 +51,8 @@ for p in (2, 1):
 errors = {name: np.sqrt(np.mean((values - truth) ** 2)) for name, values in shown.items()}
 
 # %%
-# Each road in the mean of its two ends. p = 2 lets values leak over the bridges and smooths the jump into a slope; p = 1
-# keeps both sides apart.
+# Each road in the mean of its two ends. p = 2 lets values leak over the bridges and smooths the jump into a slope; p
+# = 1 keeps both sides apart.
 
 figure = Figure(figsize=(14, 4.2), layout="constrained")
 one_way = graph.edge_rows() < graph.indices

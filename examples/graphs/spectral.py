@@ -2,8 +2,8 @@
 Frequencies on a graph
 ======================
 
-The eigenvectors of the random walk on a graph are its waves, from slow to fast. :mod:`gpureg.spectral` projects a function
-on the slowest ones, or lets it diffuse; both are filters whose effect on each frequency is known beforehand.
+The eigenvectors of the random walk on a graph are its waves, from slow to fast. :mod:`gpureg.spectral` projects a
+function on the slowest ones, or lets it diffuse; both are filters whose effect on each frequency is known beforehand.
 :func:`gpureg.regularize` with p = 2 is such a filter too, with p = 1 it is not: what it does depends on the function.
 """
 
@@ -29,8 +29,8 @@ figure = gr.plot.points(
 figure
 
 # %%
-# A smooth function and one with a jump, each with noise, through filters of all three kinds. The strength of each filter
-# is the best of several for that function, judged by the truth, which is known here.
+# A smooth function and one with a jump, each with noise, through filters of all three kinds. The strength of each
+# filter is the best of several for that function, judged by the truth, which is known here.
 
 truths = {"smooth": np.sin(3 * angle), "jump": np.where(np.abs(angle - np.pi) < 1.2, 1.0, -0.5)}
 filters = {

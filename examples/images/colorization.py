@@ -3,8 +3,8 @@ Colour from scribbles
 =====================
 
 A grey picture and some coloured lines are given. The chrominance is known on the lines and nowhere else; it is
-regularized on a graph whose weights come from the luminance, so that colour spreads where the grey value stays and stops
-where it jumps. In terms of the model: lam is infinite on the lines and zero elsewhere.
+regularized on a graph whose weights come from the luminance, so that colour spreads where the grey value stays and
+stops where it jumps. In terms of the model: lam is infinite on the lines and zero elsewhere.
 """
 
 import numpy as np
@@ -20,15 +20,18 @@ original = data.astronaut()[:300, 90:390].reshape(150, 2, 150, 2, 3).mean(axis=(
 luminance = color.rgb2gray(original)
 
 # %%
-# Lines from (row, column) to (row, column), one colour after the other: hair, skin, the suit, the wall, and grey things.
+# Lines from (row, column) to (row, column), one colour after the other: hair, skin, the suit, the wall, and grey
+# things.
 
 lines = {
     (140, 115, 60): [(15, 62, 30, 95), (30, 97, 50, 100), (33, 38, 50, 36), (24, 45, 20, 50), (36, 60, 34, 85)],
     (225, 185, 160): [(48, 70, 66, 62), (58, 50, 64, 55), (60, 80, 66, 82), (88, 58, 90, 82), (45, 55, 45, 85)],
     (230, 110, 65): [(125, 4, 145, 25), (130, 112, 145, 125), (146, 30, 146, 50), (141, 105, 147, 100)],
     (200, 190, 185): [(20, 8, 60, 20), (4, 40, 4, 130), (60, 115, 110, 125), (80, 8, 80, 12), (75, 30, 65, 30)],
-    (95, 95, 100): [(82, 35, 110, 60), (110, 60, 120, 85), (128, 50, 130, 80), (92, 99, 118, 104), (78, 30, 95, 18)]
-    + [(105, 18, 130, 32), (135, 60, 137, 85), (105, 72, 105, 85), (40, 146, 80, 146), (108, 140, 108, 147)],
+    (95, 95, 100): [
+        *((82, 35, 110, 60), (110, 60, 120, 85), (128, 50, 130, 80), (92, 99, 118, 104), (78, 30, 95, 18)),
+        *((105, 18, 130, 32), (135, 60, 137, 85), (105, 72, 105, 85), (40, 146, 80, 146), (108, 140, 108, 147)),
+    ],
 }
 scribbles = np.repeat(luminance[..., None], 3, axis=2)
 lam = np.zeros(luminance.shape)
@@ -40,8 +43,9 @@ for rgb, ends in lines.items():
 print(f"colour is known at {100 * np.mean(lam > 0):.1f} percent of the pixels")
 
 # %%
-# Two channels of chrominance on the grid of nearest neighbours. ``weights.guided`` takes the weights from the luminance,
-# not from the function that is regularized. With constant weights, for comparison, colours run over all borders.
+# Two channels of chrominance on the grid of nearest neighbours. ``weights.guided`` takes the weights from the
+# luminance, not from the function that is regularized. With constant weights, for comparison, colours run over all
+# borders.
 
 chroma = np.where(lam[..., None] > 0, color.rgb2yuv(scribbles)[..., 1:], 0)
 weights = gr.weights.guided(gr.weights.bilateral(np.inf, 0.05), luminance.ravel())

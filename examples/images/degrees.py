@@ -3,9 +3,9 @@ What the degree p does
 ======================
 
 The energy sums the norm of the gradient to the power p. With p = 2 many small differences are cheaper than one large
-one; with p = 1 a step costs the same however steep it is; below 1 one large difference is cheaper than many small ones,
-and the picture falls into flat pieces. The fidelity is zero here: nothing but the start and the number of sweeps ties
-the result to the picture.
+one; with p = 1 a step costs the same however steep it is; below 1 one large difference is cheaper than many small
+ones, and the picture falls into flat pieces. The fidelity is zero here: nothing but the start and the number of
+sweeps ties the result to the picture.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ from skimage import data
 import gpureg as gr
 
 # %%
-# A part of the camera picture, on the graph that joins each pixel with its eight neighbours, all weights 1. The number
-# of sweeps is the same for each p.
+# A part of the camera picture, on the graph that joins each pixel with its eight neighbours, all weights 1. The
+# number of sweeps is the same for each p.
 
 image = data.camera()[60:188, 200:328].astype(np.float32)
 grid = gr.GridGraph(image.shape)

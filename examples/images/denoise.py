@@ -2,9 +2,9 @@
 Denoising with nothing said
 ===========================
 
-:func:`gpureg.denoise_image` estimates the noise of a picture, and takes the weights, the window and the strength of the
-filter from it. The plan behind a call can be read before anything is computed. Grey pictures and pictures in colour
-go the same way.
+:func:`gpureg.denoise_image` estimates the noise of a picture, and takes the weights, the window and the strength of
+the filter from it. The plan behind a call can be read before anything is computed. Grey pictures and pictures in
+colour go the same way.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ def psnr(image, truth):
 
 
 # %%
-# Noise of standard deviation 20 on a part of scikit-image's camera picture, which has values in 0..255. The call has no
-# argument besides the picture.
+# Noise of standard deviation 20 on a part of scikit-image's camera picture, which has values in 0..255. The call has
+# no argument besides the picture.
 
 camera = data.camera()[60:316, 120:376].astype(np.float32)
 noisy = camera + rng.normal(0, 20, camera.shape).astype(np.float32)

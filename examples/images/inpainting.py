@@ -2,9 +2,9 @@
 Filling in what is missing
 ==========================
 
-:func:`gpureg.inpaint_image` computes missing pixels from those around them: the known ones are pinned, the others have
-no data at all. On nearest neighbours p = 2 gives a smooth fill and p = 1 one with steps. With weights that compare
-patches the fill takes up pixels from places that look alike.
+:func:`gpureg.inpaint_image` computes missing pixels from those around them: the known ones are pinned, the others
+have no data at all. On nearest neighbours p = 2 gives a smooth fill and p = 1 one with steps. With weights that
+compare patches the fill takes up pixels from places that look alike.
 """
 
 import numpy as np

@@ -30,8 +30,8 @@ figure = part.plot()
 figure
 
 # %%
-# With these weights the energy on the regions is that of the painted picture on its pixels, but for a constant. `tol` is
-# how near, in grey levels, two neighbours must have come to be joined. It is small: joins form chains, and a slow
+# With these weights the energy on the regions is that of the painted picture on its pixels, but for a constant. ``tol``
+# is how near, in grey levels, two neighbours must have come to be joined. It is small: joins form chains, and a slow
 # change of light is a chain of small steps.
 
 

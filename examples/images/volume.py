@@ -16,7 +16,9 @@ import gpureg as gr
 
 rng = np.random.default_rng(1)
 spacing = (1, 1, 3)
-y, x, z = np.meshgrid(*(step * np.arange(size) for step, size in zip(spacing, (80, 80, 27), strict=True)), indexing="ij")
+y, x, z = np.meshgrid(
+    *(step * np.arange(size) for step, size in zip(spacing, (80, 80, 27), strict=True)), indexing="ij"
+)
 cells = np.full(y.shape, 20.0)
 for _ in range(16):
     centre, radius, level = rng.uniform(0, 80, 3), rng.uniform(8, 14), rng.uniform(80, 200)

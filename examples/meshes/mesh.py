@@ -2,9 +2,9 @@
 Noise out of a mesh
 ===================
 
-:func:`gpureg.denoise_mesh` estimates the noise of a surface and takes it away. By default it regularizes the normals of
-the faces with p = 1, which lets them jump at a crease, and moves the vertices to fit. ``filter="vertices"`` regularizes
-the positions instead: simpler and faster, but it rounds creases and shrinks.
+:func:`gpureg.denoise_mesh` estimates the noise of a surface and takes it away. By default it regularizes the normals
+of the faces with p = 1, which lets them jump at a crease, and moves the vertices to fit. ``filter="vertices"``
+regularizes the positions instead: simpler and faster, but it rounds creases and shrinks.
 """
 
 import numpy as np
@@ -27,7 +27,9 @@ def report(meshes, truth):
     for name, mesh in meshes.items():
         angle, volume = gr.metrics.normal_angle_error(mesh, truth), gr.metrics.volume(mesh) / gr.metrics.volume(truth)
         far = gr.metrics.hausdorff(mesh, truth) / truth.edges_unique_length.mean()
-        print(f"{name:<9} normals off by {angle:4.1f} degrees, volume {100 * volume:5.1f} %, {far:.2f} edges away at most")
+        print(
+            f"{name:<9} normals off by {angle:4.1f} degrees, volume {100 * volume:5.1f} %, {far:.2f} edges away at most"
+        )
 
 
 # %%

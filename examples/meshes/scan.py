@@ -2,9 +2,9 @@
 A scan without faces
 ====================
 
-A scanner gives points and no surface. :func:`gpureg.denoise_points` finds the normals of small neighbourhoods, regularizes
-them on the graph of nearest points, and moves the points to fit; the noise is estimated. Nothing has to be meshed, and
-the normals need no side.
+A scanner gives points and no surface. :func:`gpureg.denoise_points` finds the normals of small neighbourhoods,
+regularizes them on the graph of nearest points, and moves the points to fit; the noise is estimated. Nothing has to
+be meshed, and the normals need no side.
 """
 
 import numpy as np
@@ -20,7 +20,11 @@ def scan_and_clean(shape):
     surface, _ = trimesh.sample.sample_surface(shape, 5000, seed=1)
     scan = surface + rng.normal(0, 0.02, surface.shape)
     print(f"noise of 0.02, estimated {gr.estimate_point_noise(scan):.3f}")
-    clouds = {"scan": scan, "normals": gr.denoise_points(scan), "positions": gr.denoise_points(scan, filter="positions")}
+    clouds = {
+        "scan": scan,
+        "normals": gr.denoise_points(scan),
+        "positions": gr.denoise_points(scan, filter="positions"),
+    }
     far = {name: gr.metrics.distance_to_surface(cloud, shape) for name, cloud in clouds.items()}
     for name, distance in far.items():
         print(f"{name:<9} {np.sqrt(np.mean(distance**2)):.4f} from the surface, root mean square")

@@ -2,9 +2,9 @@
 Parts of a mesh
 ===============
 
-The normals of a mesh are regularized on the graph of its faces with p near zero, where they become piecewise constant:
-faces that meet are a part. :func:`gpureg.segment_mesh` does so for one fidelity after another; the smaller it is, the fewer
-parts, and each is a union of parts of the level before.
+The normals of a mesh are regularized on the graph of its faces with p near zero, where they become piecewise
+constant: faces that meet are a part. :func:`gpureg.segment_mesh` does so for one fidelity after another; the smaller
+it is, the fewer parts, and each is a union of parts of the level before.
 """
 
 import numpy as np
@@ -35,9 +35,9 @@ figure = draw(box, found, (1000, 6))
 figure
 
 # %%
-# A cylinder of 64 strips. With ``norm="edge"``, the default, two parts meet at a time, and the side goes through fewer and
-# fewer strips. With ``norm="vertex"`` all strips of the side meet at once, before they meet the caps: three parts. This
-# happens in a narrow range of fidelities, so the levels are close, each 0.85 times the one before.
+# A cylinder of 64 strips. With ``norm="edge"``, the default, two parts meet at a time, and the side goes through
+# fewer and fewer strips. With ``norm="vertex"`` all strips of the side meet at once, before they meet the caps: three
+# parts. This happens in a narrow range of fidelities, so the levels are close, each 0.85 times the one before.
 
 cylinder = trimesh.creation.cylinder(1, 2, sections=64).subdivide().subdivide()
 lams = 3 * 0.85 ** np.arange(20)

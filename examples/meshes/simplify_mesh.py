@@ -2,8 +2,8 @@
 Fewer vertices
 ==============
 
-With p < 1 the positions of neighbouring vertices come together, and :func:`gpureg.simplify_mesh` makes one of those that
-met. The weights compare normals, so that flat parts thin out and creases stay. A closed surface stays closed.
+With p < 1 the positions of neighbouring vertices come together, and :func:`gpureg.simplify_mesh` makes one of those
+that met. The weights compare normals, so that flat parts thin out and creases stay. A closed surface stays closed.
 """
 
 import trimesh
@@ -28,20 +28,22 @@ def simplified(mesh, counts):
         volume, far = gr.metrics.volume(small) / gr.metrics.volume(mesh), gr.metrics.hausdorff(small, mesh)
         closed = "closed" if gr.metrics.is_watertight(small) else "not closed"
         asked = "nothing said" if count is None else f"{count} asked for"
-        print(f"{asked:<14} {len(small.vertices):5} left, {closed}, volume {100 * volume:5.1f} %, {far:.3f} away at most")
+        print(
+            f"{asked:<14} {len(small.vertices):5} left, {closed}, volume {100 * volume:5.1f} %, {far:.3f} away at most"
+        )
     return found
 
 
 # %%
-# With nothing said one round is done, and the shape stays. Smaller numbers take more rounds, whose weights allow larger
-# angles: the creases around the hole are the first to go.
+# With nothing said one round is done, and the shape stays. Smaller numbers take more rounds, whose weights allow
+# larger angles: the creases around the hole are the first to go.
 
 figure = gr.plot.meshes(simplified(nut, [None, 150, 50]), edges=True)
 figure
 
 # %%
-# On a round surface every vertex that goes costs something. A number above what a round leaves stops that round before
-# its end, and the flattest parts, which come first, are then coarser than the others.
+# On a round surface every vertex that goes costs something. A number above what a round leaves stops that round
+# before its end, and the flattest parts, which come first, are then coarser than the others.
 
 figure = gr.plot.meshes(simplified(torus, [250, None, 60]), edges=True, view=(30, 40), up="z")
 figure

@@ -13,8 +13,8 @@ from skimage import data, measure
 import gpureg as gr
 
 # %%
-# The outline of scikit-image's horse with noise of 0.7 pixels. p = 2, lam = 0.1 and ten iterations are what the function
-# takes by itself.
+# The outline of scikit-image's horse with noise of 0.7 pixels. p = 2, lam = 0.1 and ten iterations are what the
+# function takes by itself.
 
 outline = max(measure.find_contours(~data.horse(), 0.5), key=len)
 horse = outline[:-1, ::-1]
@@ -27,7 +27,8 @@ figure = gr.plot.skeleton({"before": found.before, "after": found.after}, uprigh
 figure
 
 # %%
-# With no fidelity at all the number of iterations decides. The area of the shape changes little, while its corners go.
+# With no fidelity at all the number of iterations decides. The area of the shape changes little, while its corners
+# go.
 
 shown = {}
 for iterations in (10, 100, 1000):
