@@ -1,4 +1,4 @@
-"""``python docs/readme_pictures.py`` draws the README's pictures; the first is that of ``gpureg demo docs/demo.png``."""
+"""``python docs/readme_pictures.py`` draws the README's pictures; the first is that of ``gpureg demo``."""
 
 from pathlib import Path
 
