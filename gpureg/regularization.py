@@ -83,7 +83,8 @@ def regularize(
         of the data's range (the error can be far larger than the last change when lam is small; ``Jacobi(stop=...)``
         knows other tests). "certified": once the duality gap is at most this share of the energy, 1e-4 where None.
     update_weights : int, optional
-        Compute the weights anew from the current iterate every so many iterations (the paper's footnote 1: iterated
+        Compute the weights anew from the current iterate every so many iterations, at least once before `tol` may end
+        the run (the paper's footnote 1: iterated
         bilateral filter and nonlocal means); `weights` must be an object of :mod:`gpureg.weights`. The energy is then
         that of the current weights, and may jump. Not with "certified".
     initial : array, optional

@@ -224,8 +224,8 @@ def run(
     """Iterate until a stop: `max_iter`, what the solver makes of `tol`, the callback, or Ctrl-C.
 
     `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
-    from the current iterate, and the solver starts again from there. `resume`, the state of an earlier run, stands in
-    the place of `initial`.
+    from the current iterate, and the solver starts again from there; until that has happened once, no tolerance stops
+    the run. `resume`, the state of an earlier run, stands in the place of `initial`.
 
     Raises
     ------
@@ -251,7 +251,9 @@ def run(
         course.gaps.append(gap)
         if is_told_to_stop():
             return Stop.CALLBACK
-        return solver.judge(problem, state, course)
+        stop = solver.judge(problem, state, course)
+        # near the fixed point of the first weights nothing is said of that of the next
+        return None if update_weights is not None and done <= update_weights else stop
 
     def outcome(stop: Stop) -> Outcome:
         method = solver.describe(state)
