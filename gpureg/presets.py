@@ -1,4 +1,4 @@
-"""Other libraries' filters, to the digit: the same names of parameters, computed by :mod:`gpureg.filters`.
+"""Other libraries' filters, to their rounding: the same names of parameters, computed by :mod:`gpureg.filters`.
 
 A way to move here from OpenCV, scikit-image or gputools, and a check of both sides. How near each comes is said in its
 Notes and held by ``tests/test_presets.py``. Where a peer's mapping has to be known in other terms: with the paper's w1

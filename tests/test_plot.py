@@ -95,6 +95,13 @@ def test_the_data_range_is_that_of_the_integers_or_the_references(image, referen
 # compare
 
 
+def test_other_titles():
+    figure = gr.plot.compare(*picture((20, 30)), titles=("theirs", "ours"))
+    assert [axes.get_title() for axes in figure.axes[:3]] == ["theirs", "ours", "theirs - ours"]
+    with pytest.raises(ValueError, match="titles must be two"):
+        gr.plot.compare(*picture((20, 30)), titles=("a",))
+
+
 def test_a_notebook_is_shown_the_picture():
     """IPython asks a value for this method; what it gives is the picture that would be written."""
     import io

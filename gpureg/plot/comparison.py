@@ -143,6 +143,7 @@ def compare(
     path: Path_ | None = None,
     data_range: float | tuple[float, float] | None = None,
     spacing: Sequence[float] | None = None,
+    titles: tuple[str, str] = ("noisy", "denoised"),
     caption: str = "",
     channel_axis: int | None = None,
 ) -> Figure:
@@ -164,6 +165,8 @@ def compare(
         drawn over the span of their values all the same.
     spacing : sequence of float, optional
         Distance between pixels along each axis; None means 1.
+    titles : (str, str), default ("noisy", "denoised")
+        What the two pictures are.
     caption : str, optional
         A line below.
     channel_axis : int, optional
@@ -196,6 +199,8 @@ def compare(
     ['noisy', 'denoised']
     """
     check_path(path)
+    if len(titles) != 2 or isinstance(titles, str):
+        raise ValueError(f"titles must be two, of the two pictures, got {titles!r}")
     before, after = as_picture(noisy, "noisy", channel_axis), as_picture(denoised, "denoised", channel_axis)
     clean = None if reference is None else as_picture(reference, "reference", channel_axis)
     for name, picture in (("denoised", after), ("reference", clean)):
@@ -204,9 +209,9 @@ def compare(
     steps = as_spacing(spacing, before.ndim - 1)
     given = (before,) if clean is None else (clean, before)
     black, white, by_type = _scale(data_range, given)
-    titles = [
+    heads = [
         _title(name, None if clean is None else quality(picture, clean, (black, white), channel_axis=-1))
-        for name, picture in (("noisy", before), ("denoised", after))
+        for name, picture in zip(titles, (before, after), strict=True)
     ]
     if by_type and white - black > 255:
         black, white = span(given[0])
@@ -220,7 +225,7 @@ def compare(
         for cut, plane in zip(cuts, removed, strict=True)
     ]
     below = [*caption.splitlines(), *unknown_in([picture for pictures in drawn for picture in pictures])]
-    figure, axes, beside = panels(cuts, before.shape, steps, [*titles, "noisy - denoised"], below)
+    figure, axes, beside = panels(cuts, before.shape, steps, [*heads, " - ".join(titles)], below)
     for row, cut, pictures in zip(axes, cuts, drawn, strict=True):
         for panel, picture in zip(row, pictures, strict=True):
             show(panel, picture, cut, steps)
