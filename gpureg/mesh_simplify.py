@@ -23,6 +23,11 @@ from .weights import Weights, bilateral, guided
 # Reach of the default weights between unit normals of vertices: 9 degrees.
 _REACH = 0.15
 
+# Where a number of vertices is asked for, of the edges that met this share, the cheapest, is collapsed in a round, so
+# that what is cheap in a later round goes before what is dear in this: at 100 of 6475 vertices the fandisk is 1.2 edges
+# off, 3.6 where all are. A cost below the second, in mean edges to the fourth (squared distances, by areas), is none.
+_CHEAP, _NOTHING = 0.5, 1e-9
+
 # Vertices have met where the process leaves less than this between them, in mean edges.
 _MET = 0.1
 
@@ -84,8 +89,9 @@ def simplify_mesh(
         Or the vertices, (n, 3), with `faces` besides. Vertices on exactly the same point count as one.
     faces : (F, 3) int array, optional
     n_vertices : int, optional
-        How many vertices to leave, at least 4: as many rounds are done as that takes, and the last stops there. More
-        are left where the surface allows no fewer. None: what one round leaves, often a tenth.
+        How many vertices to leave, at least 4: as many rounds are done as that takes, each collapsing the cheaper half
+        of what met, and the last stops there. More are left where the surface allows no fewer. None: what one round
+        leaves, often a tenth.
     p : float, default 0.1
         Degree of regularity, best below 1.
     lam : float, default 0.001
@@ -115,10 +121,10 @@ def simplify_mesh(
     Notes
     -----
     Minimises the energy of :func:`gpureg.regularize` for the positions, from where they are: p < 1 has many minima.
-    Edges that are left shorter than a tenth of the mean edge are collapsed, the flattest first, each to the point
-    nearest to the planes of all faces merged so far (quadrics, Garland and Heckbert 1997), and only where the surface
-    stays one: the link condition holds, no face turns over or loses its area. Faces at an edge of more than two are
-    left alone.
+    Edges that are left shorter than a tenth of the mean edge are collapsed, always the flattest of those left, each to
+    the point nearest to the planes of all faces merged so far, in earlier rounds too (quadrics, Garland and Heckbert
+    1997), and only where the surface stays one: the link condition holds, no face turns over or loses its area. Faces
+    at an edge of more than two are left alone.
 
     Examples
     --------
@@ -171,6 +177,8 @@ def simplified(
     v, faces = whole.vertices, whole.faces
     met = refused = 0
     results: list[Result] = []
+    quadrics: FloatArray | None = None
+    share = 1.0 if n_vertices is None else _CHEAP
     while True:
         before = len(np.unique(faces))
         if n_vertices is not None and before <= least and results:
@@ -178,13 +186,20 @@ def simplified(
         if weights is None or results:
             # those given were for the first graph; the coarser a mesh, the further apart are neighbouring normals
             weights = guided(bilateral(np.inf, _REACH * 2 ** len(results)), vertex_normals(v, faces))
-        v, faces, part, which_kept, counts, result = _round(v, faces, least, weights, model)
+        v, faces, part, which_kept, counts, result, quadrics = _round(v, faces, quadrics, least, share, weights, model)
         labels = np.where(labels >= 0, part[np.maximum(labels, 0)], -1)
         kept = kept[which_kept]
         met, refused = met + counts[0], refused + counts[1]
         results.append(result)
-        if n_vertices is None or len(v) >= before:
+        if n_vertices is None:
             break
+        if len(v) >= before:
+            # nothing cheap is left: half of the rest, and at last all
+            if share == 1:
+                break
+            share = (1 + share) / 2 if share < 0.95 else 1.0
+        else:
+            share = _CHEAP
     return MeshSimplification(v, faces, kept, labels, met, refused, results, time.perf_counter() - begin)
 
 
@@ -196,12 +211,19 @@ def _first(which: IntArray, k: int) -> IntArray:
 
 
 def _round(
-    v: FloatArray, faces: IntArray, least: int, weights: Weights | npt.ArrayLike, model: dict[str, Any]
-) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result]:
-    """One run of the process and its collapses, down to `least` vertices.
+    v: FloatArray,
+    faces: IntArray,
+    quadrics: FloatArray | None,
+    least: int,
+    share: float,
+    weights: Weights | npt.ArrayLike,
+    model: dict[str, Any],
+) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
+    """One run of the process and its collapses, the cheapest first, down to `least` vertices.
 
-    Vertices and faces left, which of them each vertex has become (-1: none), a vertex that each of them was, how many
-    edges met and how many of these were refused, and the run.
+    Of the edges that met only a share, the cheapest, is collapsed. Vertices and faces left, which of them each
+    vertex has become (-1: none), a vertex that each of them was, how many edges met and how many of these were refused,
+    the run, and the planes that the vertices remember.
     """
     graph = mesh_graph(v, faces)
     u, w = graph.edge_rows(), graph.indices
@@ -210,14 +232,13 @@ def _round(
     f = result.value
     edges = np.stack([u, w], axis=1)[u < w].astype(np.int64)
     edges = edges[np.linalg.norm(f[edges[:, 0]] - f[edges[:, 1]], axis=1) < _MET]
-    collapses = Collapses(v, faces)
-    refused = 0
-    for a, b in edges[np.argsort(collapses.costs(edges), kind="stable")].tolist():
-        if collapses.n_vertices <= least:
-            break
-        if collapses.root(a) != collapses.root(b) and not collapses.collapse(a, b):
-            refused += 1
+    collapses = Collapses(v, faces, quadrics)
+    most = np.inf
+    if share < 1 and len(edges):
+        most = max(float(np.quantile(collapses.costs(edges), share)), _NOTHING * length**4)
+    refused = collapses.collapse_cheapest(edges, least, most)
     left, triangles, number = collapses.mesh()
     place = np.full(len(v), -1)
     place[number] = np.arange(len(number))
-    return left, triangles, place[collapses.labels()], number, (len(edges), refused), result
+    counts = len(edges), refused
+    return left, triangles, place[collapses.labels()], number, counts, result, collapses.quadrics[number]
