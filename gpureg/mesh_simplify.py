@@ -91,7 +91,7 @@ def simplify_mesh(
     n_vertices : int, optional
         How many vertices to leave, at least 4: as many rounds are done as that takes, each collapsing the cheaper half
         of what met, and the last stops there. More are left where the surface allows no fewer. None: what one round
-        leaves, often a tenth.
+        leaves, often a tenth; as many asked for are nearer to the surface, and take longer.
     p : float, default 0.1
         Degree of regularity, best below 1.
     lam : float, default 0.001

@@ -17,6 +17,10 @@ from .weights import Weights, bilateral, guided
 # Reach of the weights between normals of the rounds after the first, a distance of unit vectors (20 degrees).
 REACH = 0.35
 
+# How often faces that are turned over are looked for, and the steps that fit their corners again. A nut with noise of
+# 0.3 edges has 284 of them without, its normals 22 degrees off on average; 2 and 7.6 degrees with it.
+_UNFOLD, _REFIT = 10, 5
+
 
 def fidelity_to_normals(noise: float) -> float:
     """The fidelity that :func:`regularized_normals` takes where none is given; infinite where there is no noise.
@@ -87,7 +91,8 @@ def fitted_vertices(
 
     Each step moves every vertex v by moves(v) times the mean over its faces of n_f (n_f . (c_f - v)), where c_f is the
     mean of the corners: the update of Sun, Rosin, Martin and Langbein (IEEE TVCG 13(5), 2007), which lessens
-    sum_f sum_edges (n_f . edge)^2 and needs no step size.
+    sum_f sum_edges (n_f . edge)^2 and needs no step size. It can leave a face turned over, where noise had folded the
+    mesh: the corners of such faces then go halfway to the mean of their neighbours, and fit again.
     """
     from scipy import sparse
 
@@ -97,7 +102,21 @@ def fitted_vertices(
     # sum_f n_f n_f^T, the same in all steps
     outer = np.asarray(gather @ (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
     v = vertices.copy()
-    for _ in range(steps):
-        planes = (normals * (v[faces[:, 0]] + v[faces[:, 1]] + v[faces[:, 2]])).sum(axis=1) / 3
-        v += step[:, None] * (gather @ (normals * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
+
+    def fit(step: FloatArray, steps: int) -> None:
+        for _ in range(steps):
+            planes = (normals * (v[faces[:, 0]] + v[faces[:, 1]] + v[faces[:, 2]])).sum(axis=1) / 3
+            v[:] += step[:, None] * (gather @ (normals * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
+
+    fit(step, steps)
+    for _ in range(_UNFOLD):
+        folded = (face_normals(v, faces) * normals).sum(axis=1) < 0
+        if not folded.any():
+            break
+        there = np.zeros(len(v), bool)
+        there[faces[folded]] = True
+        # each neighbour of an inner vertex is on two of its faces
+        to_mean = (gather @ v[faces].sum(axis=1)) * (step / 2)[:, None] - 1.5 * v * np.asarray(moves)[:, None]
+        v[there] += 0.5 * to_mean[there]
+        fit(np.where(there, step, 0.0), _REFIT)
     return v

@@ -177,6 +177,25 @@ def test_fitted_vertices_is_the_update_of_sun_and_others():
     assert np.abs(found - expected).max() < 1e-13  # rounding
 
 
+def test_folds_are_opened():
+    """Noise of 0.3 edges folds a nut with inner creases in places; fitted to its normals it stayed folded."""
+    ring = trimesh.creation.annulus(r_min=0.6, r_max=1.2, height=0.7, sections=6).subdivide().subdivide().subdivide()
+    vertices, faces = np.array(ring.vertices), np.array(ring.faces)
+    edge = np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1).mean()
+    shaken = vertices + np.random.default_rng(0).normal(0, 0.3 * edge, vertices.shape)
+    clean = face_normals(vertices, faces)
+    before, after = (
+        ((face_normals(x, faces) * clean).sum(axis=1) < 0).sum() for x in (shaken, gr.denoise_mesh(shaken, faces)[0])
+    )
+    # measured: 307 of 3072 before, 2 after; 284 after without
+    assert after < 10 < before
+    assert gr.metrics.normal_angle_error(gr.denoise_mesh(shaken, faces), (vertices, faces)) < 9  # 7.6; 22.0 without
+    # what is pinned does not move, folded or not
+    fixed = np.arange(len(vertices)) % 3 == 0
+    held, _ = gr.denoise_mesh(shaken, faces, fixed=fixed)
+    np.testing.assert_array_equal(held[fixed], shaken[fixed])
+
+
 def test_fixed_vertices_borders_and_the_cap():
     grid = trimesh.creation.box().subdivide()
     faces = np.array(grid.faces)[np.array(grid.triangles_center)[:, 2] < 0.4]  # an open box
