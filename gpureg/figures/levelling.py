@@ -37,7 +37,7 @@ GRAPHS: dict[str, Weights | None] = {
 }
 WEIGHTS = "w_1: distances of 4 pixels and 20 grey levels; w_2^5: 11 x 11 patches, h = 20, a = 2"
 # Longer sides of the picture: in full, and quickly.
-SIDES = {False: 256, True: 96}
+SIDES = {False: 256, True: 72}
 
 
 @dataclass(frozen=True)
