@@ -123,7 +123,7 @@ class Collapses:
                     continue
                 if cost > most:
                     break
-            refused += not self.collapse(u, v)
+            refused += not self.collapse(u, v, most)
         return refused
 
     def root(self, u: int) -> int:
@@ -147,8 +147,8 @@ class Collapses:
                 counts[v] = counts.get(v, 0) + 1
         return any(count != 2 for v, count in counts.items() if v != u)
 
-    def collapse(self, u: int, v: int) -> bool:
-        """Merge what u and v are part of; False if that is one vertex, no edge, or must stay apart."""
+    def collapse(self, u: int, v: int, most: float = np.inf) -> bool:
+        """Merge what u and v are part of, at `most`; False if that is one vertex, no edge, or must stay apart."""
         u, v = self.root(u), self.root(v)
         if u == v:
             return False
@@ -162,12 +162,14 @@ class Collapses:
             return False
         if len(self.around[u] | self.around[v]) <= 4 and len(shared) == 2:
             return False  # a tetrahedron would become two faces on the same vertices
+        if self.around[u] | self.around[v] == shared:
+            return False  # nothing would be left of this part
         quadric = self.quadrics[u] + self.quadrics[v]
         middle = (self.x[u] + self.x[v]) / 2
         best = _optimum(quadric, middle)
-        most = (
-            float(_cost(quadric, best)) + _DETOUR**2 * np.trace(quadric[:3, :3]) * ((self.x[u] - self.x[v]) ** 2).sum()
-        )
+        least = float(_cost(quadric, best))
+        detour = _DETOUR**2 * np.trace(quadric[:3, :3]) * ((self.x[u] - self.x[v]) ** 2).sum()
+        most = max(least, min(least + detour, most))
         for place in (best, middle, self.x[v], self.x[u]):
             if _cost(quadric, place) <= most and self._stays(u, v, shared, place):
                 self._merge(u, v, shared, quadric, place)

@@ -211,8 +211,11 @@ def _to_segments(x: FloatArray, ends: FloatArray) -> FloatArray:
 def _to_triangles(x: FloatArray, triangles: FloatArray) -> FloatArray:
     from trimesh import triangles as trimesh_triangles
 
-    nearest: FloatArray = trimesh_triangles.closest_point(triangles, x)
-    distance: FloatArray = np.linalg.norm(nearest - x, axis=1)
+    # around each point, in the size of its triangle: trimesh takes products below 1e-12 for 0
+    size = np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    around = (triangles - x[:, None]) / size[:, None, None]
+    nearest: FloatArray = trimesh_triangles.closest_point(around, np.zeros_like(x))
+    distance: FloatArray = np.linalg.norm(nearest, axis=1) * size
     return distance
 
 

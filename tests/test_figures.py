@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 pytest.importorskip("matplotlib", reason="matplotlib, of the extra 'plot', is not installed")
 pytest.importorskip("skimage", reason="scikit-image, of the extra 'plot', is not installed")
@@ -173,7 +174,7 @@ def test_ones_own_files(tmp_path, monkeypatch):
     smoothed = levelling.smoothed
     monkeypatch.setattr(levelling, "smoothed", lambda picture, backend: smoothed(picture, backend, 5))
     monkeypatch.setattr(fig1, "MOST", 5)
-    picture = (RNG.random((30, 40)) * 65535).astype(np.uint16)
+    picture = (RNG.random((34, 40)) * 65535).astype(np.uint16)
     Image.fromarray(picture).save(tmp_path / "own.png")
     gr.write_mesh(tmp_path / "own.ply", made.bracket(3))
     gr.write_curves(tmp_path / "own.csv", [gr.CurveInFile(made.coast(80), True, np.empty((80, 0)))])
@@ -190,6 +191,21 @@ def test_ones_own_files(tmp_path, monkeypatch):
     assert "original" not in five and five["noisy"]["share of the area"] == 1
 
 
+def test_a_sheet_and_an_eight(tmp_path):
+    """A mesh without a volume and a curve without an area: no division by nothing, the rest is told."""
+    plate = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
+    flat = np.array(plate.faces)[np.array(plate.triangles_center)[:, 2] > 0.49]
+    gr.write_mesh(tmp_path / "sheet.ply", (np.array(plate.vertices), flat))
+    t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    eight = np.stack([np.sin(t), np.round(np.sin(2 * t), 12)], axis=1)
+    gr.write_curves(tmp_path / "eight.csv", [gr.CurveInFile(eight, True, np.empty((80, 0)))])
+    call = ["figures", str(tmp_path / "out"), "--quick", "--only=6", "--only=7", "--only=8"]
+    call += [f"--mesh={tmp_path}/sheet.ply", f"--curve={tmp_path}/eight.csv"]
+    done = CliRunner().invoke(main, call, standalone_mode=False)
+    assert done.exception is None, done.exception
+    assert sorted(path.suffix for path in (tmp_path / "out").iterdir()) == [".json"] * 3 + [".png"] * 3
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -197,6 +213,8 @@ def test_ones_own_files(tmp_path, monkeypatch):
         (["--only", "3", "--image", "none.png"], "none.png"),
         (["--only", "3", "--image", "series.tif"], "the figures are of pictures"),
         (["--only", "3", "--image", "nan.tif"], "not all of its values are finite"),
+        (["--only", "1", "--image", "tiny.png"], "32 x 32 pixels and more"),
+        (["--only", "3", "--image", "grey.png"], "all of its pixels are"),
         (["--only", "6", "--mesh", "broken.ply"], "broken.ply"),
         (["--only", "5", "--curve", "open.svg"], "a closed curve of the plane"),
         (["--only", "6", "--backend", "cuda"], "cuda"),
@@ -209,6 +227,8 @@ def test_wrong_calls_leave_no_figure(tmp_path, arguments, words):
         tmp_path / "series.tif", np.zeros((3, 20, 20), np.uint8), photometric="minisblack", metadata={"axes": "TYX"}
     )
     tifffile.imwrite(tmp_path / "nan.tif", np.full((20, 20), np.nan, np.float32))
+    Image.fromarray(np.full((1, 1), 9, np.uint8)).save(tmp_path / "tiny.png")
+    Image.fromarray(np.full((40, 40), 9, np.uint8)).save(tmp_path / "grey.png")
     (tmp_path / "broken.ply").write_text("no mesh", "utf-8")
     angle = np.linspace(0, np.pi, 20)
     half = np.stack([np.cos(angle), np.sin(angle)], axis=1)

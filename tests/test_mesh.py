@@ -177,6 +177,26 @@ def test_fitted_vertices_is_the_update_of_sun_and_others():
     assert np.abs(found - expected).max() < 1e-13  # rounding
 
 
+@pytest.mark.parametrize(
+    "shape",
+    [
+        trimesh.creation.cylinder(1, 3),
+        trimesh.creation.cylinder(1, 3, sections=24),
+        trimesh.creation.annulus(0.6, 1.2, 0.7),
+        trimesh.creation.cone(1, 2),
+    ],
+    ids=["cylinder", "cylinder of 24", "annulus", "cone"],
+)
+def test_long_thin_triangles_do_not_collapse(shape):
+    """Noise of a tenth of the mean edge is more than some edges are long; such meshes lost all of their volume."""
+    noise = np.random.default_rng(0).normal(0, 0.1 * shape.edges_unique_length.mean(), shape.vertices.shape)
+    shaken = np.array(shape.vertices) + noise
+    found = denoised(surface_of(shaken, np.array(shape.faces)))
+    assert np.sqrt((found.displacement**2).mean()) <= 1.6 * found.sigma * (1 + 1e-9)
+    # measured: 0.84 to 1.06; 0.00 without
+    assert 0.8 < gr.metrics.volume((found.vertices, shape.faces)) / shape.volume < 1.15
+
+
 def test_folds_are_opened():
     """Noise of 0.3 edges folds a nut with inner creases in places; fitted to its normals it stayed folded."""
     ring = trimesh.creation.annulus(r_min=0.6, r_max=1.2, height=0.7, sections=6).subdivide().subdivide().subdivide()

@@ -110,6 +110,20 @@ def test_as_few_as_there_are_corners(mesh, n, volume, edges):
     assert gr.metrics.hausdorff(made, mesh) < edges * mesh.edges_unique_length.mean()
 
 
+def test_round_meshes_of_few_vertices_and_sheets():
+    """With nothing said: all that met made a sphere of 162 vertices a tetrahedron, and of a square nothing."""
+    sphere = trimesh.creation.icosphere(2)
+    found = gr.simplify_mesh(sphere)
+    assert 20 < len(found.vertices) < 80 and found.volume > 0.9 * sphere.volume  # measured 39 and 0.945
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 2]]):
+        vertices, left = gr.simplify_mesh(corners, np.array(faces))
+        assert np.array_equal(np.sort(left, axis=1), np.sort(faces, axis=1))
+        assert gr.metrics.area((vertices, left)) == pytest.approx(len(faces) / 2)
+    one, left = gr.simplify_mesh(corners, np.array([[0, 1, 2]]), n_vertices=4, weights=gr.weights.constant())
+    assert len(one) == 3 and len(left) == 1
+
+
 def test_parts_at_a_sixtieth(data_folder):
     mesh = trimesh.load(data_folder / "meshes" / "fandisk_original.ply", process=False)
     edge = mesh.edges_unique_length.mean()

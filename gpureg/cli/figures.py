@@ -23,8 +23,12 @@ from .terminal import say
 )
 @click.argument("folder", metavar="DIR", type=FILE)
 @click.option("--only", type=click.IntRange(1, 9), multiple=True, metavar="N", help="This figure alone; repeatable.")
-@click.option("--quick", is_flag=True, help="Smaller pictures and meshes: all within a minute.")
-@click.option("--image", type=FILE, help="Picture for figures 1 to 4.  [default: scikit-image's camera, astronaut]")
+@click.option("--quick", is_flag=True, help="Smaller pictures and made shapes: all within a minute.")
+@click.option(
+    "--image",
+    type=FILE,
+    help="Picture for figures 1 to 4, without its opacity.  [default: scikit-image's camera, astronaut]",
+)
 @click.option("--mesh", type=FILE, help="Mesh for figures 6 and 8, such as the Stanford bunny.  [default: made ones]")
 @click.option(
     "--curve", type=FILE, help="Closed curve for figures 5, 7 and 9.  [default: scikit-image's horse, a made coast]"

@@ -79,12 +79,12 @@ def draw(inputs: Inputs) -> Drawn:
     if inputs.noise:
         two, near, far = (row["psnr"] for row in rows)
         see = (
-            f"Noise goes and edges stay: PSNR {psnr(noisy, clean.pixels)} to {far} dB. p = 2 with the same weights "
+            f"PSNR goes from {psnr(noisy, clean.pixels)} to {far} dB. p = 2 with the same weights "
             f"reaches {two} dB, p = {P} on the four nearest pixels {near} dB; denoise_image, which is told nothing, "
             f"{numbers['psnr of denoise_image']} dB."
         )
     else:
-        see = f"Noise goes and edges stay with p = {P}; p = 2 takes fine texture with it."
+        see = f"Where p = 2 and p = {P} differ: edges, and fine texture."
     # an even number of panels in two rows
     across = -(-len(panels) // 2)
     sheet = pictures([panels[:across], panels[across:]], caption(title, settings, see))

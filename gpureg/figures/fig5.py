@@ -11,7 +11,7 @@ from ..curve import denoise_curve
 from ..plot import curves
 from ..solvers import Jacobi
 from .inputs import Inputs
-from .sheet import Drawn, caption
+from .sheet import Drawn, caption, share
 
 # Iterations without fit term and with it, as in the paper, and the fidelity, which it leaves open.
 FREE, FITTED, LAM = 30, 100, 4.0
@@ -38,8 +38,8 @@ def draw(inputs: Inputs) -> Drawn:
     titles = {}
     for name, points in drawn.items():
         told = {
-            "share of the area": round(abs(metrics.curve_area(points)) / area, 4),
-            "share of the length": round(metrics.curve_length(points) / length, 4),
+            "share of the area": share(abs(metrics.curve_area(points)), area),
+            "share of the length": share(metrics.curve_length(points), length),
         }
         if inputs.noise:
             error = float(np.linalg.norm(points - first, axis=1).mean() / segment)

@@ -14,7 +14,7 @@ from ..plot import meshes
 from ..surface import surface_of
 from ..weights import inverse_distance
 from .inputs import Inputs, Pair
-from .sheet import Drawn, caption
+from .sheet import Drawn, caption, share
 
 ITERATIONS = 8
 # Noise along the normals, in mean edges.
@@ -42,7 +42,7 @@ def draw(inputs: Inputs) -> Drawn:
     numbers: dict[str, Any] = {"mesh": source.name, "vertices": len(mesh[0]), "iterations": ITERATIONS, "lam": [0, fit]}
     titles = {}
     for name, each in drawn.items():
-        told = {"share of the volume": round(metrics.volume(each) / metrics.volume(first), 4)}
+        told = {"share of the volume": share(metrics.volume(each), metrics.volume(first))}
         words = [f"volume {100 * told['share of the volume']:.1f} %"]
         if inputs.noise:
             told["normal angle error"] = round(metrics.normal_angle_error(each, first), 3)
@@ -59,8 +59,8 @@ def draw(inputs: Inputs) -> Drawn:
         f"does not give its lam."
     )
     see = (
-        f"The noise goes in both; with the fit term {100 * fitted['share of the volume']:.1f} % of the volume are "
-        f"left, without it {100 * free['share of the volume']:.1f} %."
+        f"With the fit term {100 * fitted['share of the volume']:.1f} % of the volume are left, without it "
+        f"{100 * free['share of the volume']:.1f} %."
     )
     if inputs.noise:
         see += (

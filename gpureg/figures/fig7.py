@@ -15,7 +15,7 @@ from ..pieces import met
 from ..plot.canvas import new_figure
 from ..regularization import regularize
 from .inputs import Inputs
-from .sheet import Drawn, caption, write_below
+from .sheet import Drawn, caption, share, write_below
 
 DEGREES = (1.0, 0.5, 0.1)
 # Fidelity and smoothing where the mean segment is the unit of length, and the iterations allowed; vertices closer than
@@ -60,8 +60,8 @@ def draw(inputs: Inputs) -> Drawn:
     one, last, ours = (numbers[name] for name in ("p = 1", f"p = {DEGREES[-1]:g}", "p = 0.5, directions"))
     see = (
         f"Of {len(polygon)} vertices {last['vertices']} places are left at p = {DEGREES[-1]:g}, with "
-        f"{100 * last['share of the area']:.2f} % of the area: corners stay and next to nothing shrinks, where p = 1 "
-        f"leaves {one['vertices']} places and {100 * one['share of the area']:.2f} %. By directions "
+        f"{100 * last['share of the area']:.2f} % of the area; at p = 1 {one['vertices']} places and "
+        f"{100 * one['share of the area']:.2f} %: for p < 1 corners stay. By directions "
         f"{ours['vertices']} vertices, {100 * ours['share of the area']:.2f} % and a Hausdorff distance of "
         f"{ours['Hausdorff distance']:.3g}; Douglas and Peucker's at as many: "
         f"{numbers['Douglas and Peucker']['Hausdorff distance']:.3g}."
@@ -96,7 +96,7 @@ def measured(points: Any, before: Any) -> dict[str, float]:
     return {
         "vertices": len(points),
         "share of the vertices": round(len(points) / len(before), 4),
-        "share of the area": round(abs(metrics.curve_area(points) / metrics.curve_area(before)), 5),
+        "share of the area": share(abs(metrics.curve_area(points)), abs(metrics.curve_area(before)), 5),
         "Hausdorff distance": round(metrics.curve_hausdorff(points, before), 5),
     }
 

@@ -11,7 +11,7 @@ from ..surface import surface_of
 from ..weights import constant
 from .fig6 import mean_edge
 from .inputs import Inputs
-from .sheet import Drawn, caption
+from .sheet import Drawn, caption, share
 
 P, LAM = 0.1, 0.001
 
@@ -32,7 +32,7 @@ def draw(inputs: Inputs) -> Drawn:
     for name, pair in drawn.items():
         told: dict[str, Any] = {
             "vertices": len(pair[0]),
-            "share of the volume": round(metrics.volume(pair) / metrics.volume(first), 4),
+            "share of the volume": share(metrics.volume(pair), metrics.volume(first)),
             "Hausdorff distance in edges": round(metrics.hausdorff(pair, first) / edge, 3),
             "closed": metrics.is_watertight(pair),
         }
@@ -52,9 +52,8 @@ def draw(inputs: Inputs) -> Drawn:
     )
     see = (
         f"Of {before['vertices']} vertices {ones['vertices']} are left, {100 * ones['share of the volume']:.1f} % of "
-        f"the volume, {'closed' if ones['closed'] else 'open'} as before; weights by the normals thin out the flat "
-        f"parts and keep the creases: {normals['vertices']} vertices, "
-        f"{normals['Hausdorff distance in edges']:.2f} edges off at most instead of "
-        f"{ones['Hausdorff distance in edges']:.2f}."
+        f"the volume, {'closed' if ones['closed'] else 'open'} as before, {ones['Hausdorff distance in edges']:.2f} "
+        f"edges off at most; with weights by the normals, which are for creases, {normals['vertices']} vertices and "
+        f"{normals['Hausdorff distance in edges']:.2f} edges."
     )
     return Drawn(title, settings, see, numbers, meshes(titles, edges=True, caption=caption(title, settings, see)))

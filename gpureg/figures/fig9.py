@@ -41,8 +41,8 @@ def draw(inputs: Inputs) -> Drawn:
         f"again. The paper does not give lam."
     )
     see = (
-        f"{before['branches']} branches become {after['branches']}: those to smooth parts stay where they are, the "
-        f"small ones to each roughness of the outline go."
+        f"{before['branches']} branches before, {after['branches']} after: those of smooth parts are where they were, "
+        f"what goes is to the roughness of the outline."
     )
     figure = skeleton(shown, upright=source.upright, caption=caption(title, settings, see))
     return Drawn(title, settings, see, numbers, figure)

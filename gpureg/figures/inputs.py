@@ -18,6 +18,9 @@ from . import made
 
 Pair = tuple[FloatArray, IntArray]
 
+# The least height and width of a reader's picture.
+_LEAST = 32
+
 
 class Image(NamedTuple):
     """A picture, 0 to 255: (H, W), or (H, W, 3) in colour."""
@@ -121,7 +124,12 @@ class Inputs:
         picture = read_picture(path)
         if picture.pixels.ndim - ("C" in picture.axes) != 2:
             raise PictureError(f"{path}: the figures are of pictures, not of the axes {picture.axes}")
-        return Image(path.name, _to_255(picture, path))
+        pixels = _to_255(picture, path)
+        if min(pixels.shape[:2]) < _LEAST:
+            raise PictureError(f"{path}: the figures need {_LEAST} x {_LEAST} pixels and more, got {pixels.shape[:2]}")
+        if pixels.min() == pixels.max():
+            raise PictureError(f"{path}: all of its pixels are {pixels.min():g} of 255: there is nothing to see in it")
+        return Image(path.name, pixels)
 
     def _closed(self, path: Path) -> Curve:
         read = read_curves(path)

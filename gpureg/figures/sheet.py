@@ -112,6 +112,11 @@ def pictures(rows: Sequence[Sequence[Panel]], words: str, names: Sequence[str] =
     return figure
 
 
+def share(part: float, whole: float, digits: int = 4) -> float:
+    """A part of a whole, rounded; NaN where the whole is nothing, as the area of an eight or the volume of a sheet."""
+    return round(part / whole, digits) if whole else float("nan")
+
+
 def psnr(picture: npt.NDArray[Any], truth: npt.NDArray[Any]) -> float:
     """Peak signal-to-noise ratio in dB, the peak 255."""
     error = np.mean((np.asarray(picture, np.float64) - truth) ** 2)
