@@ -49,4 +49,4 @@ $(VENV)/.docs-ready: pyproject.toml $(VENV)/bin/python
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist docs/api docs/figures docs/figures.md docs/gallery
+	rm -rf $(VENV) build dist docs/api docs/figures docs/figures.md docs/gallery docs/sg_execution_times.rst

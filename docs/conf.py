@@ -40,8 +40,6 @@ numpydoc_show_class_members = False  # the template lists them
 numpydoc_class_members_toctree = False
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
-# the blocks after a Python block are what it prints
-myst_highlight_code_blocks = True
 suppress_warnings = ["config.cache"]
 
 sphinx_gallery_conf = {

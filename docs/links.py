@@ -17,7 +17,8 @@ class Page(HTMLParser):
     def handle_starttag(self, tag, attrs):
         """Collect."""
         given = dict(attrs)
-        self.anchors |= {given[name] for name in ("id", "name") if given.get(name)}
+        # of other tags a name is none: <meta name="viewport">
+        self.anchors |= {given[name] for name in (("id", "name") if tag == "a" else ("id",)) if given.get(name)}
         self.links += [given[name] for name in ("href", "src") if given.get(name)]
 
 
@@ -30,6 +31,9 @@ def dead_links(site):
         for link in page.links:
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
+                continue
+            if parts.path.startswith("/"):
+                dead.append((path.relative_to(site.resolve()), link))
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             target = target / "index.html" if target.is_dir() else target

@@ -134,13 +134,15 @@ def cluster_points(
         # with 1 every piece counts, so that there is an end
         while (cut := _with_count(joins, pieces.sizes, n_clusters, least)) is None and min_size is None:
             least //= 2
-        if cut is None:
-            raise ValueError(
-                f"there are no {n_clusters} clusters of {min_size} points and more: a smaller min_size counts more "
-                f"of them, None takes what can be had"
-            )
-        stop = cut
-    return pieces.joined(_joined(pieces, x, joins[:stop], n_clusters, least)).labels
+        # where edges join no such clusters, what is nearest may
+        stop = len(joins) if cut is None else cut
+    part = _joined(pieces, x, joins[:stop], n_clusters, least)
+    if n_clusters is not None and part.max() + 1 < n_clusters:
+        raise ValueError(
+            f"there are no {n_clusters} clusters of {min_size} points and more: a smaller min_size counts more of "
+            f"them, None takes what can be had"
+        )
+    return pieces.joined(part).labels
 
 
 def edge_weights(weights: Weights | npt.ArrayLike, graph: Graph, f0: FloatArray) -> FloatArray:
@@ -172,7 +174,7 @@ def near_weights(x: FloatArray, lengths: FloatArray, u: IntArray, v: IntArray) -
 
 def _joined(pieces: Pieces, x: FloatArray, joins: list[_Join], n_clusters: int | None, least: int) -> IntArray:
     """The cluster of each piece after these joins: what is too small, or beyond the number, is with what is nearest."""
-    part = _after(pieces.n_pieces, joins)
+    part = _with_large(_after(pieces.n_pieces, joins), pieces, x, least)
     sizes = np.bincount(part, pieces.sizes)
     while len(sizes) > 1 and (sizes.min() < least or (n_clusters is not None and len(sizes) > n_clusters)):
         part = _with_nearest(part, int(np.argmin(sizes)), part[pieces.labels], x)
@@ -265,6 +267,25 @@ def _after(m: int, joins: list[_Join]) -> IntArray:
     links = sparse.csr_array((np.ones(len(joins), bool), (a, b)), shape=(m, m))
     found: IntArray = connected_components(links, directed=False)[1]
     return found
+
+
+def _with_large(part: IntArray, pieces: Pieces, x: FloatArray, least: int) -> IntArray:
+    """Each cluster of fewer points than `least` joined to the one of more that is nearest, if there is any."""
+    from scipy.spatial import cKDTree
+
+    large = np.bincount(part, pieces.sizes) >= least
+    if large.all() or not large.any():
+        return part
+    of_points = part[pieces.labels]
+    inside = large[of_points]
+    owner = of_points[inside]
+    distance, found = cKDTree(x[inside]).query(x[~inside], workers=-1)
+    # of a cluster's points the nearest decides, the first of those as near
+    order = np.lexsort((np.asarray(distance), of_points[~inside]))
+    which, first = np.unique(of_points[~inside][order], return_index=True)
+    new = np.arange(len(large))
+    new[which] = owner[np.asarray(found)[order[first]]]
+    return np.unique(new[part], return_inverse=True)[1].ravel()
 
 
 def _with_nearest(part: IntArray, one: int, of_points: IntArray, x: FloatArray) -> IntArray:

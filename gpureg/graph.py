@@ -318,7 +318,7 @@ class Graph:
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
     def to_edges(self) -> tuple[IntArray, FloatArray | None]:
-        """Each undirected edge once: what :meth:`from_edges` takes.
+        """Each undirected edge once: what :meth:`from_edges` takes, with ``n_vertices`` besides.
 
         Returns
         -------

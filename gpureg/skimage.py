@@ -160,7 +160,7 @@ def denoise_bilateral(
     Notes
     -----
     Documented there: a Gaussian of the Euclidean distance between two pixels. Its code reads a table of such Gaussians
-    with the wrong stride, so that the kernel is skewed: 0.06 to 0.3 off on camera in 0..1. Here it is round.
+    with the wrong stride, so that the kernel is skewed: 0.06 to 0.5 off on camera in 0..1. Here it is round.
     """
     if mode not in _BORDERS:
         raise ValueError(f"mode must be one of {', '.join(_BORDERS)}, got {mode!r}")

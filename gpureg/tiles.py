@@ -327,7 +327,9 @@ def run_in_tiles(
             looks = threshold is not None and ((done + sweeps) % solver.check_every == 0 or done + sweeps == max_iter)
             after, change = block(sweeps, looks)
             current, done = after, done + sweeps
-            if threshold is not None and looks and change <= threshold:
+            # as in the whole, not before the weights were computed anew once
+            anew_once = update_weights is None or done > update_weights
+            if threshold is not None and looks and change <= threshold and anew_once:
                 stop = Stop.TOLERANCE
                 break
     except KeyboardInterrupt:

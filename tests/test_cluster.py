@@ -83,6 +83,7 @@ def test_small_ones_are_joined():
 
 def test_outliers_do_not_count():
     """Pairs far away from three blobs are none of the three that are asked for; a min_size of 1 lets them be."""
+    rng = np.random.default_rng(8)
     blobs = np.concatenate([RNG.normal(c, 1, (500, 2)) for c in ([0, 0], [20, 0], [0, 20])])
     pairs = np.concatenate([RNG.normal(c, 0.1, (2, 2)) for c in ([300, 300], [-300, 0], [0, -400])])
     truth = np.repeat(np.arange(3), 500)
@@ -98,6 +99,10 @@ def test_outliers_do_not_count():
     for n in (4, 5, 8):
         sizes = np.bincount(gr.cluster_points(points, n))
         assert len(sizes) == n and sizes.min() >= 15
+    # what no edge joins may be joined all the same
+    assert gr.cluster_points(points, 1, min_size=600).max() == 0
+    groups = np.concatenate([rng.normal(c, 0.01, (4, 2)) for c in 100 * rng.random((25, 2))])
+    assert np.bincount(gr.cluster_points(groups, 3, k=3, min_size=20)).min() >= 20
     # as many as cannot be of that size: the size gives way
     assert gr.cluster_points(points, 150).max() + 1 == 150
 

@@ -63,9 +63,11 @@ def test_dead_links_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     )
     (tmp_path / "index.html").write_text(good, "utf-8")
     assert links.dead_links(tmp_path) == (2, [])
-    (tmp_path / "index.html").write_text('<a href="sub/index.html#gone"></a><img src="no.png"><a href="#no">', "utf-8")
+    (tmp_path / "index.html").write_text(
+        '<a href="sub/index.html#gone"></a><img src="no.png"><a href="#no"></a><meta name="no"><a href="/a">', "utf-8"
+    )
     _, dead = links.dead_links(tmp_path)
-    assert [link for _, link in dead] == ["sub/index.html#gone", "no.png", "#no"]
+    assert [link for _, link in dead] == ["sub/index.html#gone", "no.png", "#no", "/a"]
 
 
 def test_the_citation_names_this_version() -> None:

@@ -140,6 +140,38 @@ def test_weights_that_differ_widely(monkeypatch: pytest.MonkeyPatch) -> None:
     assert unfinished.min() >= 0 and unfinished.max() <= 1
 
 
+@pytest.mark.parametrize("thread", [1.0, 1e-6, 1e-12, 1e-13, 1e-14])
+def test_vertices_on_threads_have_their_value(thread: float) -> None:
+    """Two joined by 1, and by a thread to 0 and one three times as strong to 1: 3/4, however thin the threads.
+
+    Below 1e-12 rounding of A, 1e-16, over the thread's share is what is left.
+    """
+    graph = gr.Graph.from_edges([[0, 1], [1, 2], [2, 3]], [thread, 1.0, 3 * thread])
+    known = np.array([True, False, False, True])
+    f, _ = harmonic.harmonic(np.array([[0.0], [0], [0], [1]]), graph, known, dtype=np.float64, backend="numpy")
+    # three edges in a row, of resistances 1/thread, 1 and 1/(3 thread)
+    expected = (1 / thread) / (1 / thread + 1 + 1 / (3 * thread))
+    assert f[1, 0] == pytest.approx(expected, abs=1e-9 + 4e-16 / thread)
+
+
+def test_unfinished_fills_stay_in_the_range_of_their_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = np.tile([1e3, 1e-3], 40)
+    edges = np.array([[k, k + 1] for k in range(80)])
+    two = gr.Graph.from_edges(np.concatenate([edges, edges + 81]), np.tile(weights, 2))
+    known = np.zeros(162, bool)
+    known[[0, 80, 81, 161]] = True
+    f0 = np.zeros((162, 1))
+    f0[[80, 81, 161], 0] = 1, 100, 200
+    f0[82:161] = 50
+    monkeypatch.setattr(harmonic, "DIRECT", 0)
+    monkeypatch.setattr(harmonic, "is_there", lambda: False)
+    monkeypatch.setattr(harmonic, "MAX_STEPS", 3)
+    with pytest.warns(RuntimeWarning, match="did not converge"):
+        f = harmonic.harmonic(f0, two, known)[0][:, 0]
+    assert f[:81].min() >= 0 and f[:81].max() <= 1
+    assert f[81:].min() >= 100 and f[81:].max() <= 200
+
+
 @pytest.mark.parametrize("direct", [True, False])
 def test_pixels_that_hang_by_a_thread(direct: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pixels joined to each other, and by weights of 1e-20 to all else, make the system singular to the last digit.

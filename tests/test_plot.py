@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -98,8 +99,9 @@ def test_the_data_range_is_that_of_the_integers_or_the_references(image, referen
 def test_other_titles():
     figure = gr.plot.compare(*picture((20, 30)), titles=("theirs", "ours"))
     assert [axes.get_title() for axes in figure.axes[:3]] == ["theirs", "ours", "theirs - ours"]
-    with pytest.raises(ValueError, match="titles must be two"):
-        gr.plot.compare(*picture((20, 30)), titles=("a",))
+    for wrong in (("a",), "ab", 5, None, ("a", 1)):
+        with pytest.raises(ValueError, match="titles must be two"):
+            gr.plot.compare(*picture((20, 30)), titles=wrong)
 
 
 def test_a_notebook_is_shown_the_picture():
@@ -110,6 +112,9 @@ def test_a_notebook_is_shown_the_picture():
     with Image.open(io.BytesIO(figure._repr_png_())) as shown:
         assert shown.format == "PNG"
         assert shown.size == tuple(figure.canvas.get_width_height())
+    again = pickle.loads(pickle.dumps(figure))
+    assert [axes.get_title() for axes in again.axes] == [axes.get_title() for axes in figure.axes]
+    assert again._repr_png_()[:4] == b"\x89PNG"
 
 
 def test_compare_grey(tmp_path):

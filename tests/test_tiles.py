@@ -70,6 +70,11 @@ OTHERS = {
     "features": ({"p": 2, "weights": "features", "max_iter": 3}, {}, (34, 53)),
     "guided": ({"p": 2, "weights": "guide", "max_iter": 3}, {}, (34, 53)),
     "weights anew": ({"p": 1, "weights": BILATERAL, "max_iter": 7, "update_weights": 3}, {}, (40, 53)),
+    "weights anew to a tolerance": (
+        {"p": 2, "lam": 5.0, "weights": BILATERAL, "max_iter": 30, "update_weights": 12, "tol": 0.05},
+        {},
+        (40, 53),
+    ),
     "another start": ({"p": 1, "max_iter": 4, "initial": "start"}, {}, (30, 53)),
     "damped": ({"p": 3, "max_iter": 4, "solver": gr.Jacobi(damping=0.4)}, {}, (30, 53)),
 }

@@ -36,9 +36,9 @@ def simplified(mesh, counts):
 
 # %%
 # With nothing said one round is done, and the shape stays. A number takes as many rounds as it needs, in each of which
-# the cheaper half of what met is merged: 24 vertices are as many as the nut has corners.
+# the cheaper half of what met is merged. The nut has 24 corners.
 
-figure = gr.plot.meshes(simplified(nut, [None, 100, 24]), edges=True)
+figure = gr.plot.meshes(simplified(nut, [None, 100, 30]), edges=True)
 figure
 
 # %%

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from ..io import check_place
-from . import fig1, fig2, fig3, fig4, fig5, fig6, fig7, fig8, fig9
+from . import fig1, fig2, fig3, fig4, fig5, fig6, fig7, fig8, fig9, levelling
 from .inputs import Inputs
 from .sheet import Drawn
 
@@ -36,6 +36,7 @@ def draw_figures(folder: Path, inputs: Inputs, only: Iterable[int] = ()) -> Iter
     """
     import time
 
+    levelling.runs.cache_clear()  # a file may have changed since
     wanted = sorted(set(only)) or list(FIGURES)
     for k in wanted:
         if k not in FIGURES:

@@ -22,7 +22,7 @@ NOISE, VERTICES = 0.25, 80
 def draw(inputs: Inputs) -> Drawn:
     """The figure and its numbers."""
     source = inputs.outline()
-    polygon = source.points[:: max(1, len(source.points) // VERTICES)]
+    polygon = source.points[:: -(-len(source.points) // VERTICES)]
     segment = metrics.curve_length(polygon) / len(polygon)
     drawn = {"original": polygon} if inputs.noise else {}
     if inputs.noise:
@@ -56,7 +56,7 @@ def draw(inputs: Inputs) -> Drawn:
     )
     see = (
         f"Without the fit term the polygon shrinks to {100 * numbers[free]['share of the area']:.1f} % of its area and "
-        f"{100 * numbers[free]['share of the length']:.1f} % of its length, and what is thin goes first; with it "
+        f"{100 * numbers[free]['share of the length']:.1f} % of its length; with it "
         f"{100 * numbers[fitted]['share of the area']:.1f} % and {100 * numbers[fitted]['share of the length']:.1f} % "
         f"are left."
     )

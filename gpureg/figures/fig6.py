@@ -24,7 +24,8 @@ NOISE = 0.2
 def draw(inputs: Inputs) -> Drawn:
     """The figure and its numbers."""
     source = inputs.surface(cad=False)
-    surface = surface_of(source.mesh)
+    # an STL repeats each vertex in each of its faces
+    surface, _ = surface_of(source.mesh).welded()
     mesh: Pair = (surface.vertices, surface.faces)
     edge = mean_edge(mesh)
     drawn = {"original": mesh} if inputs.noise else {}

@@ -61,7 +61,7 @@ def draw(inputs: Inputs) -> Drawn:
     see = (
         f"Of {len(polygon)} vertices {last['vertices']} places are left at p = {DEGREES[-1]:g}, with "
         f"{100 * last['share of the area']:.2f} % of the area; at p = 1 {one['vertices']} places and "
-        f"{100 * one['share of the area']:.2f} %: for p < 1 corners stay. By directions "
+        f"{100 * one['share of the area']:.2f} %. By directions "
         f"{ours['vertices']} vertices, {100 * ours['share of the area']:.2f} % and a Hausdorff distance of "
         f"{ours['Hausdorff distance']:.3g}; Douglas and Peucker's at as many: "
         f"{numbers['Douglas and Peucker']['Hausdorff distance']:.3g}."

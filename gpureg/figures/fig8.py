@@ -19,7 +19,8 @@ P, LAM = 0.1, 0.001
 def draw(inputs: Inputs) -> Drawn:
     """The figure and its numbers."""
     source = inputs.surface(cad=True)
-    surface = surface_of(source.mesh)
+    # an STL repeats each vertex in each of its faces
+    surface, _ = surface_of(source.mesh).welded()
     first = (surface.vertices, surface.faces)
     edge = mean_edge(first)
     made = {

@@ -41,8 +41,8 @@ def draw(inputs: Inputs) -> Drawn:
         f"again. The paper does not give lam."
     )
     see = (
-        f"{before['branches']} branches before, {after['branches']} after: those of smooth parts are where they were, "
-        f"what goes is to the roughness of the outline."
+        f"{before['branches']} branches before, {after['branches']} after; in the paper those of smooth parts "
+        f"are not affected, while the others are simplified."
     )
     figure = skeleton(shown, upright=source.upright, caption=caption(title, settings, see))
     return Drawn(title, settings, see, numbers, figure)

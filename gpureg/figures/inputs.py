@@ -59,7 +59,7 @@ class Inputs:
     curve : Path, optional
         Curves for figures 5, 7 and 9; the first closed one is taken. None: scikit-image's horse, and a made coast.
     noise : bool, default True
-        Figures 3 and 6 add noise to what is given; False takes it as it is: noisy.
+        Figures 3, 5 and 6 add noise to what is given; False takes it as it is: noisy.
     quick : bool, default False
         Smaller pictures and made shapes: all figures within a minute.
     backend : str, default "auto"

@@ -49,13 +49,22 @@ class Drawn:
     def write(self, path: Path) -> None:
         """Write the picture, and the words and numbers beside it as JSON; both or none."""
         words = {"title": self.title, "settings": self.settings, "see": self.see}
-        text = json.dumps(words | self.numbers, indent=1) + "\n"
+        text = json.dumps(_finite(words | self.numbers), indent=1, allow_nan=False) + "\n"
         write_files(
             {
                 path: lambda temporary: self.figure.savefig(temporary),
                 path.with_suffix(".json"): lambda temporary: temporary.write_text(text, "utf-8"),
             }
         )
+
+
+def _finite(value: Any) -> Any:
+    """The same with null in the place of numbers that JSON has not: NaN and infinity."""
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def caption(title: str, settings: str, see: str) -> str:

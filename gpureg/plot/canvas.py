@@ -64,6 +64,12 @@ def new_figure(width: float, height: float, layout: Literal["constrained"] | Non
     return figure
 
 
+def _again() -> Any:
+    """A figure without anything, for pickle to fill."""
+    cls = _shown()
+    return cls.__new__(cls)
+
+
 @functools.cache
 def _shown() -> Any:
     """Matplotlib's figure that a notebook shows where it is the last value of a cell, without pyplot."""
@@ -74,6 +80,10 @@ def _shown() -> Any:
             written = io.BytesIO()
             self.savefig(written, format="png")
             return written.getvalue()
+
+        def __reduce__(self) -> Any:
+            # the class has no name in a module that pickle could look up
+            return _again, (), self.__getstate__()
 
     return Shown
 

@@ -183,11 +183,12 @@ def compare(
     OSError
         The file cannot be written; nothing is left behind then.
     TypeError, ValueError
-        Shapes that differ, values that are not real, an impossible data range, an extension that is no picture's.
+        Shapes that differ, values that are not real, an impossible data range, titles that are not two, an extension
+        that is no picture's.
 
     Notes
     -----
-    The difference noisy - denoised has zero in the middle grey and a scale that holds 99.5 percent of it; structure in
+    The difference of the two has zero in the middle grey and a scale that holds 99.5 percent of it; structure in
     it is what the filter took away with the noise.
 
     Examples
@@ -199,7 +200,7 @@ def compare(
     ['noisy', 'denoised']
     """
     check_path(path)
-    if len(titles) != 2 or isinstance(titles, str):
+    if not isinstance(titles, list | tuple) or len(titles) != 2 or not all(isinstance(t, str) for t in titles):
         raise ValueError(f"titles must be two, of the two pictures, got {titles!r}")
     before, after = as_picture(noisy, "noisy", channel_axis), as_picture(denoised, "denoised", channel_axis)
     clean = None if reference is None else as_picture(reference, "reference", channel_axis)

@@ -163,7 +163,7 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
     ----------
     weights : Weights
     guide : (n,) or (n, q) float array, on a grid also shape or shape + (q,)
-        What the weights compare, one row per vertex, e.g. a cleaner picture of the same scene.
+        What the weights compare, one row per vertex, channels last, e.g. a cleaner picture of the same scene.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
         No weight function, or a guide that is not finite; at use, another number of vertices.
     """
     table = np.array(guide, dtype=np.float64)
-    if not table.ndim or not len(table) or not np.isfinite(table).all():
+    if not table.ndim or not table.size or not np.isfinite(table).all():
         raise ValueError(f"the guide must be finite, one row per vertex, got shape {table.shape}")
     return Guided(_expect_weights(weights), table)
 
