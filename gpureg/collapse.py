@@ -93,8 +93,8 @@ class Collapses:
     def collapse_cheapest(self, edges: IntArray, least: int, most: float = np.inf) -> int:
         """Collapse edges, always that of the least cost, down to `least` vertices; how many must stay.
 
-        Edges that cost more than `most` are left. Costs only grow as vertices are merged: one that was computed before
-        its ends were merged is computed again when its turn comes.
+        Edges that cost more than `most` are left. But for the hold to the middle costs only grow as vertices are
+        merged: one that was computed before its ends were merged is computed again when its turn comes.
         """
         heap = [
             (cost, k, a, b, 0, 0)
@@ -148,7 +148,10 @@ class Collapses:
         return any(count != 2 for v, count in counts.items() if v != u)
 
     def collapse(self, u: int, v: int, most: float = np.inf) -> bool:
-        """Merge what u and v are part of, at `most`; False if that is one vertex, no edge, or must stay apart."""
+        """Merge what u and v are part of; False if that is one vertex, no edge, or must stay apart.
+
+        Where the best place will not do, another may that costs `most` at most.
+        """
         u, v = self.root(u), self.root(v)
         if u == v:
             return False

@@ -8,6 +8,7 @@ start from which the sweeps of another p have little left to do.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -134,12 +135,12 @@ def harmonic(
     )
     guess = f[unknown[solvable]] / root[:, None]
     if len(solvable) <= (DIRECT_PLANE if in_a_plane else DIRECT):
-        solved, converged = _factored(A, b, guess)
+        solved, left, steps = *_factored(A, b, guess), FACTORED_STEPS
     else:
-        solved, converged = _iterated(A, b, guess)
-    if not converged:
+        solved, left, steps = *_iterated(A, b, guess), MAX_STEPS
+    if left:
         warnings.warn(
-            f"the first fill did not converge in {MAX_STEPS} steps of conjugate gradients, the weights differ too "
+            f"the first fill did not converge in {steps} steps of conjugate gradients, the weights differ too "
             "much: more iterations (max_iter) and tol=None may be needed, or weights that differ less",
             RuntimeWarning,
             stacklevel=3,
@@ -155,8 +156,8 @@ def harmonic(
     return f, reached
 
 
-def _factored(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArray, bool]:
-    """The solution of A x = b (n, m), A with a diagonal of 1, by a factorization, and whether all columns are there.
+def _factored(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArray, list[int]]:
+    """The solution of A x = b (n, m), A with a diagonal of 1, by a factorization, and the columns that lack it.
 
     Vertices whose weights join them to each other, and by 1e-20 to all else, make A singular to the last digit. `SHIFT`
     is added to its diagonal; conjugate gradients, which the factors make short, take that off again as far as A says
@@ -167,32 +168,35 @@ def _factored(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArra
 
     shifted = (A + SHIFT * sparse.eye_array(A.shape[0])).tocsc()
     factors = linalg.splu(shifted, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    M = linalg.LinearOperator(A.shape, factors.solve, dtype=np.float64)
-    found, converged = guess.copy(), True
-    for channel in range(b.shape[1]):
-        x, code = linalg.cg(A, b[:, channel], x0=guess[:, channel], rtol=RESIDUAL, maxiter=FACTORED_STEPS, M=M)
-        # what a step or two of refinement add where the residual says that it is there
-        found[:, channel] = x + factors.solve(b[:, channel] - A @ x)
-        converged &= code == 0
-    return found, converged
+    x, left = _by_gradients(A, b, guess, range(b.shape[1]), FACTORED_STEPS, factors.solve)
+    # one step of refinement, for the digits beyond the residual that was asked for
+    return x + factors.solve(b - A @ x), left
 
 
-def _iterated(A: csr_array, b: FloatArray, start: FloatArray) -> tuple[FloatArray, bool]:
-    """The solution of A x = b (n, m) by conjugate gradients, and whether all columns have converged."""
+def _iterated(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArray, list[int]]:
+    """The solution of A x = b (n, m) without factors, and the columns that lack it."""
+    steps = min(PLAIN_STEPS, MAX_STEPS) if is_there() else MAX_STEPS
+    x, left = _by_gradients(A, b, guess, range(b.shape[1]), steps)
+    if not left or not is_there():
+        return x, left
+    apply = cycle(A)
+    return _by_gradients(A, b, x, left, MAX_STEPS, lambda r: apply(r.reshape(-1, 1)).ravel())
+
+
+def _by_gradients(
+    A: csr_array,
+    b: FloatArray,
+    start: FloatArray,
+    columns: Iterable[int],
+    steps: int,
+    precondition: Callable[[FloatArray], FloatArray] | None = None,
+) -> tuple[FloatArray, list[int]]:
+    """Some columns of the solution by conjugate gradients, the others as they were, and those that did not converge."""
     from scipy.sparse import linalg
 
-    found = start.copy()
-    left = []
-    for channel in range(b.shape[1]):
-        steps = min(PLAIN_STEPS, MAX_STEPS) if is_there() else MAX_STEPS
-        found[:, channel], code = linalg.cg(A, b[:, channel], x0=start[:, channel], rtol=RESIDUAL, maxiter=steps)
-        left += [channel] if code else []
-    if left and is_there():
-        apply = cycle(A)
-        M = linalg.LinearOperator(A.shape, lambda r: apply(r.reshape(-1, 1)).ravel(), dtype=np.float64)
-        for channel in left.copy():
-            x, code = linalg.cg(A, b[:, channel], x0=found[:, channel], rtol=RESIDUAL, maxiter=MAX_STEPS, M=M)
-            found[:, channel] = x
-            if not code:
-                left.remove(channel)
-    return found, not left
+    M = None if precondition is None else linalg.LinearOperator(A.shape, precondition, dtype=np.float64)
+    x, left = start.copy(), []
+    for k in columns:
+        x[:, k], code = linalg.cg(A, b[:, k], x0=start[:, k], rtol=RESIDUAL, maxiter=steps, M=M)
+        left += [k] if code else []
+    return x, left

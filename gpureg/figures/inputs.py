@@ -30,19 +30,17 @@ class Image(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """A mesh, and whether it came from the reader."""
+    """A mesh."""
 
     name: str
     mesh: Pair
-    given: bool
 
 
 class Curve(NamedTuple):
-    """A closed curve, whether it came from the reader, and whether its y points up."""
+    """A closed curve, and whether its y points up."""
 
     name: str
     points: FloatArray
-    given: bool
     upright: bool
 
 
@@ -99,10 +97,10 @@ class Inputs:
         """The mesh, or a made one: of a machine part, or of an animal."""
         if self.mesh is not None:
             read = read_mesh(self.mesh)
-            return Mesh(self.mesh.name, (read.vertices, read.faces), True)
+            return Mesh(self.mesh.name, (read.vertices, read.faces))
         if cad:
-            return Mesh("a made bracket", made.bracket(6 if self.quick else 8), False)
-        return Mesh("a made animal", made.animal(14 if self.quick else 36), False)
+            return Mesh("a made bracket", made.bracket(6 if self.quick else 8))
+        return Mesh("a made animal", made.animal(14 if self.quick else 36))
 
     def outline(self) -> Curve:
         """The curve, or the outline of scikit-image's horse."""
@@ -112,13 +110,13 @@ class Inputs:
         from skimage.measure import find_contours
 
         outline = max(find_contours((~data.horse()).astype(float), 0.5), key=len)[:-1, ::-1]
-        return Curve("the outline of scikit-image's horse", np.array(outline[:: 4 if self.quick else 1]), False, False)
+        return Curve("the outline of scikit-image's horse", np.array(outline[:: 4 if self.quick else 1]), False)
 
     def coast(self) -> Curve:
         """The curve, or a made coast."""
         if self.curve is not None:
             return self._closed(self.curve)
-        return Curve("a made coast", made.coast(300 if self.quick else 600), False, True)
+        return Curve("a made coast", made.coast(300 if self.quick else 600), True)
 
     def _image(self, path: Path) -> Image:
         picture = read_picture(path)
@@ -135,7 +133,7 @@ class Inputs:
         read = read_curves(path)
         for curve in read.curves:
             if curve.closed and curve.points.shape[1] == 2:
-                return Curve(path.name, curve.points, True, path.suffix.lower() != ".svg")
+                return Curve(path.name, curve.points, path.suffix.lower() != ".svg")
         raise CurveError(f"{path}: the figures are of a closed curve of the plane, of which there is none")
 
 

@@ -128,5 +128,8 @@ def share(part: float, whole: float, digits: int = 4) -> float:
 
 def psnr(picture: npt.NDArray[Any], truth: npt.NDArray[Any]) -> float:
     """Peak signal-to-noise ratio in dB, the peak 255."""
-    error = np.mean((np.asarray(picture, np.float64) - truth) ** 2)
-    return round(float(10 * np.log10(255**2 / error)), 2)
+    from skimage.metrics import peak_signal_noise_ratio
+
+    return round(
+        float(peak_signal_noise_ratio(np.asarray(truth, float), np.asarray(picture, float), data_range=255)), 2
+    )
