@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
+from ._version import __version__
 from .backends import BackendUnavailable
 from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
 from .cluster import cluster_points
@@ -39,8 +40,6 @@ from .segment import MeshSegmentation, segment_mesh
 from .simplify import simplify_image
 from .skeleton import Skeleton, simplify_skeleton, skeleton
 from .solvers import Certified, Check, Euler, Jacobi
-
-__version__ = "0.1.0"
 
 __all__ = [
     "BackendUnavailable",

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .arrays import FloatArray, IntArray
 from .backends import Array
-from .graph import FloatArray, Graph, GridGraph, IntArray
+from .graph import Graph, GridGraph
 from .problem import DeviceProblem
 
 if TYPE_CHECKING:

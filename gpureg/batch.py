@@ -14,9 +14,9 @@ from typing import Any
 from .backends import BackendUnavailable
 from .files import beside_of, denoise_file
 from .io import FORMATS, PictureError
+from .progress import progress_bar
 from .report import axes_line, left_out, quality_line
 from .settings import Settings, rehearse
-from .solvers.loop import progress_bar
 
 # What may go wrong with one file and is told in a sentence.
 FAILURES = (PictureError, BackendUnavailable, FloatingPointError, MemoryError, ValueError, TypeError)

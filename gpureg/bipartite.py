@@ -12,7 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from .graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray
+from .arrays import FloatArray, IntArray
+from .graph import AnyGraph, Graph, GridGraph
 
 Ends = tuple[IntArray, IntArray]
 

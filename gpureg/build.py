@@ -7,49 +7,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, Graph, IntArray, all_finite, unmasked
+from .arrays import FloatArray, IntArray, checked_faces, checked_points
+from .graph import Graph
 
 Across = Literal["edge", "vertex"]
-
-
-def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
-    """Coordinates as a float64 array (n, d), n >= 1 and d >= 1.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Values that are not real and finite, another shape.
-    """
-    array = unmasked(points, name)
-    if array.dtype.kind not in "biuf":
-        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
-    if array.ndim != 2 or 0 in array.shape:
-        raise ValueError(f"{name} must have shape (n, d), a row per vertex, got {array.shape}")
-    if not all_finite(array):
-        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise ValueError(f"{name} must be finite, row {row} is {array[row].tolist()}: leave such rows out")
-    return array.astype(np.float64)
-
-
-def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:
-    """Faces as an int64 array (F, k) of vertices 0..n_vertices - 1, k >= 3 corners each.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Numbers that are no integers, another shape, a vertex that is not there.
-    """
-    array = np.asarray(faces)
-    if array.size == 0:
-        array = np.zeros((0, 3), np.int64)
-    if array.dtype.kind not in "iu":
-        raise TypeError(f"faces must hold integers, got {array.dtype}")
-    if array.ndim != 2 or array.shape[1] < 3:
-        raise ValueError(f"faces must have shape (F, 3) of three vertices each, or (F, k), got {array.shape}")
-    if array.size and (array.min() < 0 or array.max() >= n_vertices):
-        wrong = array[(array < 0) | (array >= n_vertices)][0]
-        raise ValueError(f"faces must name vertices 0..{n_vertices - 1}, got {wrong}")
-    return array.astype(np.int64)
 
 
 def face_edges(faces: IntArray) -> IntArray:

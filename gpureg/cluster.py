@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
+from .arrays import FloatArray, IntArray
 from .build import knn_graph
-from .graph import FloatArray, Graph, IntArray, check_weights
+from .graph import Graph, check_weights
 from .pieces import Labels, Pieces, coarser, whole
 from .point_cloud import cloud_of
 from .point_normals import nearest

@@ -10,8 +10,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .build import checked_points, curve_graph
-from .graph import FloatArray, Graph
+from .arrays import FloatArray, checked_points
+from .build import curve_graph
+from .graph import Graph
 from .mesh_noise import noise_on_graph
 from .regularization import regularize
 from .result import Result

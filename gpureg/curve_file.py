@@ -12,11 +12,11 @@ from typing import Any, Literal
 import numpy as np
 
 from . import weights
+from .arrays import FloatArray, IntArray
 from .curve import Curves, curves_of, denoised_curves
 from .curve_io import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
 from .curve_report import Worked, as_report
 from .curve_simplify import Function, simplified_curves
-from .graph import FloatArray, IntArray
 from .io import check_place, write_files
 from .skeleton import Skeleton, skeleton
 

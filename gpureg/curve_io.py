@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .curve_documents import Geo, Svg, new_geo, new_svg
-from .graph import FloatArray, IntArray
 from .io import PictureError, check_place, write_atomically
 from .text_table import encode_table, read_table, read_text
 

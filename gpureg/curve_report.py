@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__, metrics
-from .graph import FloatArray, IntArray
+from . import metrics
+from ._version import __version__
+from .arrays import FloatArray, IntArray
 from .report import number
 from .result import Result
 

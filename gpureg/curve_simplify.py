@@ -10,8 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .curve import Curves, curves_of
-from .graph import FloatArray, Graph, IntArray
+from .graph import Graph
 from .regularization import regularize
 from .result import Result
 from .solvers import Solver

@@ -17,9 +17,9 @@ from . import plot
 from .image import run_plan
 from .io import Picture, PictureError, check_destination, read_picture, write_picture
 from .layout import beside, inside_of, layout_of
+from .progress import progress_bar
 from .report import number, report_of
 from .settings import Settings, expect_fitting, plan_of
-from .solvers.loop import progress_bar
 
 
 def denoise_file(

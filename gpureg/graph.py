@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from scipy import sparse
+from .arrays import BLOCK_ENTRIES, FloatArray, IntArray, frozen, integers
 
 Metric = Literal["chebyshev", "euclidean", "cityblock"]
 METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
@@ -26,44 +27,6 @@ SYMMETRIZE_MENDS = (
     'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph '
     "mends that"
 )
-
-FloatArray = npt.NDArray[np.floating[Any]]
-IntArray = npt.NDArray[np.integer[Any]]
-
-# Vertices handled at a time where a table of (vertices, neighbours) is needed: bounds the memory.
-_BLOCK_ENTRIES = 1 << 22
-
-
-def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
-
-
-def _integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
-    array = np.asarray(values)
-    if array.size == 0 and array.dtype.kind == "f":
-        array = array.astype(np.int64)
-    if array.dtype.kind not in "iu":
-        raise TypeError(f"{name} must hold integers, got {array.dtype}")
-    if array.ndim != ndim:
-        raise ValueError(f"{name} must have {ndim} dimension(s), got shape {array.shape}")
-    return array
-
-
-def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    """`values` as an array; a numpy masked array, whose mask would be lost, is refused."""
-    if isinstance(values, np.ma.MaskedArray):
-        raise TypeError(f"{name} is a masked array: give its data, and mask=~{name}.mask to what takes a mask")
-    return np.asarray(values)
-
-
-def all_finite(values: npt.NDArray[Any]) -> bool:
-    """Whether no value is NaN or infinite, in little memory besides."""
-    if values.dtype.kind != "f":
-        return True
-    flat = values.reshape(-1) if values.flags.c_contiguous else values
-    block = max(1, _BLOCK_ENTRIES // max(1, math.prod(flat.shape[1:])))
-    return all(bool(np.isfinite(flat[begin : begin + block]).all()) for begin in range(0, len(flat), block))
 
 
 def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
@@ -185,8 +148,8 @@ class Graph:
     def __post_init__(self) -> None:
         from scipy import sparse
 
-        indptr = _integers("indptr", self.indptr, 1).astype(np.int64)
-        indices = _integers("indices", self.indices, 1).astype(np.int64)
+        indptr = integers("indptr", self.indptr, 1).astype(np.int64)
+        indices = integers("indices", self.indices, 1).astype(np.int64)
         n, nnz = len(indptr) - 1, len(indices)
         if n < 1:
             raise ValueError("a graph needs at least one vertex: indptr must have n + 1 >= 2 entries")
@@ -235,10 +198,10 @@ class Graph:
         if self.grid is not None and self.grid.n_vertices != n:
             raise ValueError(f"the grid has {self.grid.n_vertices} vertices, the graph {n}")
         narrow = np.int32 if n < 2**31 else np.int64
-        object.__setattr__(self, "indptr", _frozen(indptr))
-        object.__setattr__(self, "indices", _frozen(indices.astype(narrow)))
-        object.__setattr__(self, "weights", None if weights is None else _frozen(weights))
-        object.__setattr__(self, "positions", None if positions is None else _frozen(positions))
+        object.__setattr__(self, "indptr", frozen(indptr))
+        object.__setattr__(self, "indices", frozen(indices.astype(narrow)))
+        object.__setattr__(self, "weights", None if weights is None else frozen(weights))
+        object.__setattr__(self, "positions", None if positions is None else frozen(positions))
 
     def __repr__(self) -> str:
         weighted = "unweighted" if self.weights is None else "weighted"
@@ -297,7 +260,7 @@ class Graph:
         """
         check_symmetrize(symmetrize)
         pairs = np.asarray(edges)
-        pairs = _integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
+        pairs = integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
         if pairs.shape[1] != 2:
             raise ValueError(f"edges must have shape (E, 2), got {pairs.shape}")
         if n_vertices is not None and (isinstance(n_vertices, bool) or not isinstance(n_vertices, int | np.integer)):
@@ -489,11 +452,11 @@ class GridGraph:
             inside = np.array(mask)
             if inside.dtype != np.bool_ or inside.shape != sizes:
                 raise ValueError(f"mask must be boolean of shape {sizes}, got {inside.dtype} of shape {inside.shape}")
-            _frozen(inside)
+            frozen(inside)
         for name, value in (("shape", sizes), ("radius", radius), ("metric", metric), ("spacing", steps)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "mask", inside)
-        object.__setattr__(self, "_offsets", _frozen(self._window()))
+        object.__setattr__(self, "_offsets", frozen(self._window()))
 
     def _window(self) -> IntArray:
         steps = np.array(self.spacing or (1.0,) * len(self.shape))
@@ -578,7 +541,7 @@ class GridGraph:
         offsets, K = self.offsets, max(1, len(self.offsets))
         strides = np.array([math.prod(self.shape[d + 1 :]) for d in range(self.ndim)], np.int64)
         jumps = offsets @ strides
-        block = max(1, _BLOCK_ENTRIES // (K * self.ndim))
+        block = max(1, BLOCK_ENTRIES // (K * self.ndim))
         inside = None if self.mask is None else self.mask.ravel()
         for begin in range(0, self.n_vertices, block):
             u = np.arange(begin, min(begin + block, self.n_vertices))

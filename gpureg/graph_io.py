@@ -22,7 +22,8 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .graph import SYMMETRIZE_MENDS, FloatArray, Graph, GridGraph, Symmetrize, check_symmetrize
+from .arrays import FloatArray
+from .graph import SYMMETRIZE_MENDS, Graph, GridGraph, Symmetrize, check_symmetrize
 from .io import PictureError, write_atomically
 
 FORMATS = (".mtx", ".mtx.gz", ".npz")

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
+from .arrays import FloatArray
 from .assembly import undirected_edges
-from .graph import AnyGraph, FloatArray, GridGraph
+from .graph import AnyGraph, GridGraph
 from .multigrid import cycle, is_there
 from .problem import (
     DeviceProblem,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, GridGraph, Metric
+from .arrays import FloatArray
+from .graph import GridGraph, Metric
 from .harmonic import harmonic
 from .pixels import checked, filled
 from .problem import default_eps

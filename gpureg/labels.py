@@ -7,7 +7,8 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from .graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray, unmasked
+from .arrays import FloatArray, IntArray, unmasked
+from .graph import AnyGraph, Graph, GridGraph
 from .harmonic import harmonic
 from .regularization import regularize
 from .solvers import Solver

@@ -11,15 +11,17 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray, checked_flags, checked_values
 from .build import adjacent_faces, mesh_graph
-from .graph import FloatArray, Graph, IntArray
+from .checks import check_size
+from .graph import Graph
 from .mesh_noise import noise_along_normals, noise_of_normals, noise_on_graph
 from .normals import fidelity_to_normals, fitted_vertices, regularized_normals
 from .regularization import regularize
 from .result import Result
 from .solvers import Jacobi
 from .surface import Surface, border_vertices, face_normals
-from .vertex_values import check_size, checked_flags, checked_values, fidelity_to_values
+from .vertex_values import fidelity_to_values
 from .weights import Weights, cotangent
 
 Filter = Literal["normals", "vertices"]

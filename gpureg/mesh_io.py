@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, IntArray
+from .arrays import FloatArray, IntArray
 from .io import PictureError, check_place, write_atomically
 from .surface import surface_of
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .build import adjacent_faces, mesh_graph
-from .graph import FloatArray, Graph, IntArray
+from .graph import Graph
 from .surface import face_normals, face_vectors, surface_of
 
 # The median of |x| of a normal deviate of deviation 1.

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__, metrics
+from . import metrics
+from ._version import __version__
 from .mesh_denoising import MeshDenoising
 from .mesh_simplify import MeshSimplification
 from .report import number

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .build import mesh_graph
 from .collapse import Collapses
-from .graph import FloatArray, IntArray
 from .mesh_noise import vertex_normals
 from .regularization import regularize
 from .result import Result

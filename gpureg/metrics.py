@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .build import checked_points, face_edges
-from .graph import FloatArray, IntArray
+from .arrays import FloatArray, IntArray, checked_points
+from .build import face_edges
 from .surface import Surface, face_normals, face_vectors, surface_of
 
 # Pairs of a point and an element that are looked at together.

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
+from .arrays import FloatArray, IntArray
 from .backends import Backend
-from .graph import FloatArray, Graph, GridGraph, IntArray, Metric
+from .graph import Graph, GridGraph, Metric
 from .pixels import checked, filled, guided_by
 from .problem import as_function
 from .tiles import part_of

@@ -10,7 +10,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from .graph import all_finite, unmasked
+from .arrays import all_finite, unmasked
 
 # Share of the pixels that is measured, the smoothest ones, but no fewer than so many.
 _SMOOTHEST, _AT_LEAST = 0.1, 200

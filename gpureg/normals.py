@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .build import face_graph
-from .graph import FloatArray, IntArray
 from .regularization import regularize
 from .result import Result
 from .surface import face_normals

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray, Graph, IntArray
+from .arrays import FloatArray, IntArray
+from .graph import Graph
 from .regularization import regularize
 from .result import Result
 

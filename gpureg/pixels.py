@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import GridGraph, all_finite, unmasked
+from .arrays import all_finite, unmasked
+from .graph import GridGraph
 from .weights import Patch, Smoothed, Weights, guided, patch_weights
 
 # Pixels that are filtered at a time.

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .build import checked_points
-from .graph import FloatArray
+from .arrays import FloatArray, checked_points
 
 KINDS = "an array (n, d), or a cloud of trimesh, PyVista or Open3D"
 

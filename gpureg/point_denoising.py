@@ -10,8 +10,10 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, checked_flags, checked_values
 from .build import knn_graph
-from .graph import FloatArray, Graph
+from .checks import check_size
+from .graph import Graph
 from .mesh_noise import noise_on_graph
 from .normals import fidelity_to_normals
 from .point_normals import (
@@ -26,7 +28,7 @@ from .point_normals import (
 )
 from .regularization import regularize
 from .result import Result
-from .vertex_values import check_size, checked_flags, checked_values, fidelity_to_values
+from .vertex_values import fidelity_to_values
 from .weights import Weights, bilateral, guided
 
 PointFilter = Literal["normals", "positions"]

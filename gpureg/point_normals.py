@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .graph import FloatArray, Graph, IntArray
+from .arrays import FloatArray, IntArray
+from .graph import Graph
 
 # Points treated at a time, whose neighbourhoods are some 100 MB.
 _PIECE = 1 << 16

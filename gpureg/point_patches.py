@@ -7,11 +7,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .build import checked_points, knn_graph
-from .graph import FloatArray, Graph, IntArray
+from .arrays import FloatArray, IntArray, checked_points, checked_values
+from .build import knn_graph
+from .graph import Graph
 from .point_cloud import cloud_of
 from .point_normals import nearest
-from .vertex_values import checked_values
 
 # Points treated at a time.
 _PIECE = 1 << 14

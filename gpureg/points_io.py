@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import FloatArray
+from .arrays import FloatArray
 from .io import PictureError, check_place, write_atomically
 from .text_table import encode_table, read_table
 

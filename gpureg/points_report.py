@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import __version__, metrics
-from .graph import FloatArray
+from . import metrics
+from ._version import __version__
+from .arrays import FloatArray
 from .point_denoising import PointDenoising
 from .points_io import PointsFile
 from .report import number

@@ -9,9 +9,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, all_finite, unmasked
 from .backends import Array, Backend, Conductance, Weighted
 from .bipartite import has_swinging_part
-from .graph import AnyGraph, FloatArray, Graph, GridGraph, all_finite, check_weights, opposite_edges, unmasked
+from .graph import AnyGraph, Graph, GridGraph, check_weights, opposite_edges
 from .weights import Weights
 
 Gamma = Literal["sqrt", "combinatorial", "normalized", "degree"]

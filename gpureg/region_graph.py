@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray, unmasked
 from .build import ring_graph
-from .graph import FloatArray, Graph, GridGraph, IntArray, Metric, checked_spacing, unmasked
+from .graph import Graph, GridGraph, Metric, checked_spacing
 
 METRICS: tuple[Metric, ...] = ("cityblock", "chebyshev")
 

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray
 from .backends.zones import Labels
-from .graph import FloatArray
 from .pixels import as_image
 from .region_graph import RegionGraph, region_graph
 from .region_values import Model, region_values

@@ -10,13 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
+from .arrays import FloatArray
 from .backends import Backend
-from .graph import FloatArray, Graph, GridGraph
+from .graph import Graph, GridGraph
 from .memory import Budget, Job, budget, readable
 from .problem import DeviceProblem, Problem, as_function
+from .progress import progress_bar
 from .result import Interrupted, Result, Stop
 from .solvers import Jacobi, Solver, resolve, run
-from .solvers.loop import Callback, Outcome, progress_bar
+from .solvers.loop import Callback, Outcome
 from .tiles import Tiling, halo, run_in_tiles, tiling, why_whole, work_of
 from .weights import Weights
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .graph import Graph, IntArray
+from .arrays import IntArray
+from .graph import Graph
 
 __all__ = ["reordered"]
 

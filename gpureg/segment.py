@@ -10,14 +10,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray, checked_values
 from .build import face_graph
-from .graph import FloatArray, Graph, IntArray
+from .graph import Graph
 from .pieces import Labels, coarser, whole
 from .result import Result
 from .solvers import Solver
 from .solvers.loop import Callback
 from .surface import face_normals, face_vectors, surface_of
-from .vertex_values import checked_values
 
 # Fidelities where none are given: from those at which all but flat parts fall apart to those at which a part is all.
 _LAMS = tuple(3.0 * 2.0**-k for k in range(12))

@@ -17,11 +17,11 @@ from .io import FORMATS, Picture, PictureError, check_destination, read_picture,
 from .layout import Layout, beside, inside_of, layout_of
 from .picture import Tags
 from .problem import Norm
+from .progress import progress_bar
 from .region_values import Model
 from .regions import Regions, WeightKind
 from .simplify import SourceKind, simplify_image
 from .simplify_report import Errors, report_of, run_of
-from .solvers.loop import progress_bar
 from .weights import Weights
 
 Kind = WeightKind | Literal["bilateral"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import __version__
+from ._version import __version__
 from .io import Picture
 from .regions import Regions
 from .report import about, axes_line, done_line, left_out, number

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray, IntArray
 from .curve import curves_of, denoised_curves
-from .graph import FloatArray, Graph, IntArray
+from .graph import Graph
 
 # Vertices whose rays are cast together.
 _BLOCK = 1 << 22

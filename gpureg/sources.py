@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
+from .arrays import FloatArray
 from .backends.zones import Labels
-from .graph import AnyGraph, FloatArray, Graph, GridGraph
+from .graph import AnyGraph, Graph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
 
 Kind = Literal["both", "minima", "maxima"]

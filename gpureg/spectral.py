@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import AnyGraph, FloatArray, Graph, GridGraph
+from .arrays import FloatArray
+from .graph import AnyGraph, Graph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
 from .weights import Bilateral, Patch, Weights
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .build import checked_faces, checked_points, face_edges
-from .graph import FloatArray, IntArray
+from .arrays import FloatArray, IntArray, checked_faces, checked_points
+from .build import face_edges
 
 # What makes a mesh of its kind of vertices, faces, and where the vertices come from: vertex i from number `kept[i]`.
 Maker = Callable[[FloatArray, IntArray, IntArray], Any]

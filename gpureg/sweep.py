@@ -14,9 +14,9 @@ from .backends import Backend
 from .graph import GridGraph
 from .memory import Budget, Job, budget
 from .problem import Problem
+from .progress import progress_bar
 from .regularization import as_given
 from .result import Result, Stop
-from .solvers.loop import progress_bar
 from .tiles import OneStep, Tile, Tiling, step_in_tiles, tiling, work_of
 from .weights import Weights
 

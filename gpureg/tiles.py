@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .arrays import FloatArray, all_finite
 from .backends import Array, Backend, Weighted, over_patches
-from .graph import FloatArray, GridGraph, all_finite
+from .graph import GridGraph
 from .memory import Budget, Job, Need, readable
 from .problem import DeviceProblem, Problem
 from .result import Stop

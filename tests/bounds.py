@@ -23,10 +23,11 @@ import math
 import cases
 import numpy as np
 
+from gpureg.arrays import FloatArray
 from gpureg.backends import PatchForm
 from gpureg.backends.numpy_optimize import conjugate
 from gpureg.backends.numpy_optimize import length as length_of
-from gpureg.graph import FloatArray, Graph
+from gpureg.graph import Graph
 
 DIVISION, EXP, POW = 5, 6, 32  # in units of u
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpureg.graph import FloatArray, Graph, GridGraph
+from gpureg.arrays import FloatArray
+from gpureg.graph import Graph, GridGraph
 
 AnyGraph = Graph | GridGraph
 

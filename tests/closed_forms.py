@@ -16,7 +16,7 @@ from scipy.fft import dctn, idctn
 from scipy.optimize import brentq
 
 import gpureg as gr
-from gpureg.graph import FloatArray
+from gpureg.arrays import FloatArray
 
 P = (1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
 

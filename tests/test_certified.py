@@ -23,7 +23,7 @@ from scipy.sparse.linalg import spsolve
 from test_mathematics import draw
 
 import gpureg as gr
-from gpureg.graph import FloatArray
+from gpureg.arrays import FloatArray
 
 ORACLE: dict[str, Any] = {"backend": "numpy", "dtype": "float64"}
 U = 2.0**-53

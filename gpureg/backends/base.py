@@ -16,7 +16,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import AnyGraph, FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import AnyGraph, GridGraph
 from .optimize import Optimization
 from .patches import (
     PatchForm,

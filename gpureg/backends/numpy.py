@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import AnyGraph, FloatArray, GridGraph, opposite_edges
+from ..arrays import FloatArray
+from ..graph import AnyGraph, GridGraph, opposite_edges
 from .base import (
     Array,
     Backend,

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import AnyGraph, FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import AnyGraph, GridGraph
 from .base import (
     Array,
     Conductance,

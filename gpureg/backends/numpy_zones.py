@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import AnyGraph, Graph, IntArray
+from ..arrays import IntArray
+from ..graph import AnyGraph, Graph
 from .zones import Distances, Labels, Lengths, Zones, forward_jumps
 
 

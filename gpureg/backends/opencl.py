@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from ..graph import AnyGraph, FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import AnyGraph, GridGraph
 from .base import (
     Array,
     Backend,

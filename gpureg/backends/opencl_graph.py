@@ -19,7 +19,8 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from .. import kernels
-from ..graph import AnyGraph, FloatArray, Graph, GridGraph
+from ..arrays import FloatArray
+from ..graph import AnyGraph, Graph, GridGraph
 from .base import (
     Array,
     Backend,

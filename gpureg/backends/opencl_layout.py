@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, Graph, GridGraph, IntArray, opposite_edges
+from ..arrays import FloatArray, IntArray
+from ..graph import Graph, GridGraph, opposite_edges
 from .base import Kept
 
 Buffer = Any

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import GridGraph
 from .opencl_layout import Upload, round_up
 from .patches import (
     PatchForm,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import AnyGraph, FloatArray, GridGraph, IntArray
+from ..arrays import FloatArray, IntArray
+from ..graph import AnyGraph, GridGraph
 
 
 @dataclass(frozen=True, eq=False)

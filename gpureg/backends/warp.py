@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import AnyGraph, FloatArray, GridGraph, IntArray
+from ..arrays import FloatArray, IntArray
+from ..graph import AnyGraph, GridGraph
 from ..kernels.warp import (
     adjoint,
     aggregate,

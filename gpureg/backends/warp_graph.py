@@ -26,7 +26,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import AnyGraph, FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import AnyGraph, GridGraph
 from ..kernels.warp import pack, reals
 from .base import (
     Array,

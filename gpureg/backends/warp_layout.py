@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..graph import FloatArray, Graph, GridGraph, opposite_edges
+from ..arrays import FloatArray
+from ..graph import Graph, GridGraph, opposite_edges
 from ..kernels.warp import csr, grid
 from .base import Array, Kept
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ..picture import PictureError
-from ..solvers.loop import progress_bar
+from ..progress import progress_bar
 from . import options
 from .group import sentences
 from .options import FILE

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import FloatArray
+from ..arrays import FloatArray
 from ..plot.canvas import new_figure
 from ..regularization import regularize
 from ..weights import bilateral

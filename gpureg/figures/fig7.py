@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import metrics
+from ..arrays import FloatArray
 from ..build import curve_graph
 from ..curve_simplify import simplify_curve
-from ..graph import FloatArray
 from ..pieces import met
 from ..plot.canvas import new_figure
 from ..regularization import regularize

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray, IntArray
 from ..curve_io import CurveError, read_curves
-from ..graph import FloatArray, IntArray
 from ..io import read_picture
 from ..mesh_io import read_mesh
 from ..picture import Picture, PictureError

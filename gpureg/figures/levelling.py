@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, GridGraph
+from ..arrays import FloatArray
+from ..graph import GridGraph
 from ..regularization import regularize
 from ..result import Result
 from ..weights import Weights, bilateral, patch

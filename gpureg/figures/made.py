@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, IntArray
+from ..arrays import FloatArray, IntArray
 
 # Ellipsoids that make an animal: middles and half axes, x to the side, y up, z to the front.
 _BALLS = (

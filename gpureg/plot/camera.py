@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from ..graph import FloatArray
+from ..arrays import FloatArray
 from .canvas import new_figure
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, unmasked
+from ..arrays import FloatArray, unmasked
 from ..io import write_atomically
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..build import checked_points
-from ..graph import FloatArray
+from ..arrays import FloatArray, checked_points
 from ..skeleton import Skeleton
 from .camera import panels_of
 from .canvas import Path_, check_path, finish

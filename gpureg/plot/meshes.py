@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, unmasked
+from ..arrays import FloatArray, unmasked
 from ..mesh_noise import vertex_normals
 from ..metrics import is_watertight, volume
 from ..surface import Surface, face_normals, face_vectors, surface_of

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..graph import FloatArray, Graph, GridGraph, IntArray, Metric
+from ..arrays import FloatArray, IntArray
+from ..graph import Graph, GridGraph, Metric
 from ..problem import DeviceProblem, Problem
 from ..tiles import Tile, halo, part_problem
 from ..weights import Weights

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, unmasked
+from ..arrays import FloatArray, unmasked
 from ..point_cloud import cloud_of
 from .camera import PANEL, Axis, camera_of, panels_of
 from .canvas import Path_, check_path, finish

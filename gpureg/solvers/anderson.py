@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..backends import Array
-from ..graph import FloatArray
 from ..problem import DeviceProblem
 
 # Differences kept, and iterates from a mix to the next. Measured on total variation of an image of 128 x 128 (eps 1e-3

@@ -10,11 +10,12 @@ import numpy as np
 
 from .. import multigrid
 from ..backends import Array
+from ..checks import check_settings
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
 from .dual import Dual, hidden
 from .linear import Linear
-from .loop import Course, Method, Solver, check_settings
+from .loop import Course, Method, Solver
 from .newton import Newton
 from .stopping import largest_value
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..backends import Array
-from ..graph import FloatArray
+from ..checks import check_settings
 from ..problem import DeviceProblem
-from .loop import check_settings
 from .stopping import LOCAL, Process, Slope, Travel
 
 

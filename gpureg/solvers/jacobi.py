@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..backends import Array
+from ..checks import check_settings
 from ..problem import DeviceProblem, Problem
 from .anderson import MEMORY, Anderson
-from .loop import check_settings
 from .stopping import LOCAL, Process, Slope, Travel
 
 # A sweep that still raises the energy after so many halvings is left out: what is left is rounding.

@@ -13,8 +13,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..backends import Array
-from ..graph import FloatArray, GridGraph
+from ..graph import GridGraph
 from ..problem import DeviceProblem
 from .loop import Method
 

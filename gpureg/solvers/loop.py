@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..backends import Array, Backend
-from ..graph import FloatArray
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
 
@@ -134,16 +133,6 @@ class Method(ABC):
         """What the iterations did, as a sentence without its full stop."""
 
 
-def check_settings(settings: dict[str, Any], *, integers: tuple[str, ...] = ("check_every",)) -> None:
-    """TypeError or ValueError unless these settings of a solver are numbers; the integers at least 1."""
-    for name, value in settings.items():
-        kinds = (int, np.integer) if name in integers else (int, float, np.number)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, kinds)):
-            raise TypeError(f"{name} must be {'an integer' if name in integers else 'a number'}, got {value!r}")
-        if name in integers and not (value is not None and value >= 1):
-            raise ValueError(f"{name} must be >= 1, got {value}")
-
-
 @dataclass(frozen=True)
 class Check:
     """What a callback sees at a check.
@@ -192,21 +181,6 @@ def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
             f"values are not finite after {done} iterations: the data, lam or eps are out of the range of "
             f"{np.dtype(backend.dtype)}; rescale the data, or use float64"
         )
-
-
-@contextmanager
-def progress_bar(show: bool, total: int, unit: str = "iterations") -> Iterator[Callable[[int], None]]:
-    """A bar on the terminal's error stream that leaves nothing behind; it pulses until the first report."""
-    if not show:
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done: bar.update(task, total=total, completed=done)
 
 
 def run(

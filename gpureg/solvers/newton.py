@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import multigrid
+from ..arrays import FloatArray
 from ..assembly import Difference
 from ..backends import BALL_ROUNDINGS, Array
-from ..graph import FloatArray
 from ..problem import DeviceProblem
 from .dual import duality_gap
 from .loop import Method

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..backends import Array, Conductance
+from ..checks import check_settings
 from ..graph import GridGraph
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
-from .loop import Course, Solver, check_settings
+from .loop import Course, Solver
 
 TESTS = ("change", "error", "gradient", "energy")
 

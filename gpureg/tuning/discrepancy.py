@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import FloatArray, Graph, GridGraph
+from ..arrays import FloatArray
+from ..graph import Graph, GridGraph
 from ..paths import SETTINGS as _SERIES
 from ..paths import Series
 from ..problem import as_function

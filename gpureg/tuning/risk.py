@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import unmasked
+from ..arrays import unmasked
 
 Denoiser = Callable[..., npt.ArrayLike]
 Values = npt.NDArray[np.floating[Any]]

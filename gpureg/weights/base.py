@@ -11,8 +11,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray, IntArray
 from ..backends import Backend, PatchForm, Storage, Weighted
-from ..graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray, check_weights
+from ..checks import positive
+from ..graph import AnyGraph, Graph, GridGraph, check_weights
 
 
 class Weights(ABC):
@@ -123,24 +125,6 @@ class EdgeWeights(Weights):
 
 # The last weight function of each stored graph that does not read the data, and its weights.
 _last: weakref.WeakKeyDictionary[Graph, tuple[EdgeWeights, FloatArray]] = weakref.WeakKeyDictionary()
-
-
-def positive(name: str, value: float, *, infinite: bool = False) -> float:
-    """A number > 0, checked."""
-    if not isinstance(value, int | float | np.floating | np.integer) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
-    if not value > 0 or (math.isinf(value) and not infinite):
-        raise ValueError(f"{name} must be > 0{'' if infinite else ' and finite'}, got {value}")
-    return float(value)
-
-
-def share(name: str, value: float) -> float:
-    """A number in 0..1, checked."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-        raise TypeError(f"{name} must be a number, got {value!r}")
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name} must lie in 0..1, got {value}")
-    return float(value)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..build import checked_faces
-from ..graph import AnyGraph, FloatArray, Graph, IntArray
+from ..arrays import FloatArray, IntArray, checked_faces
+from ..graph import AnyGraph, Graph
 from .base import EdgeWeights
 
 # The cotangent of the smallest angle that counts, 0.06 degrees: a triangle without area would make it infinite.

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray, IntArray
 from ..backends import Backend, Weighted
-from ..graph import AnyGraph, FloatArray, Graph, GridGraph, IntArray
-from .base import EdgeWeights, Weights, positive, rows_of
+from ..checks import positive
+from ..graph import AnyGraph, Graph, GridGraph
+from .base import EdgeWeights, Weights, rows_of
 
 
 def _squared_distances(points: FloatArray, u: IntArray, v: IntArray, unit: float = 1.0) -> FloatArray:

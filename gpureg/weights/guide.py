@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray
 from ..backends import Backend, Weighted
-from ..graph import AnyGraph, FloatArray, GridGraph
-from .base import PatchWeights, Weights, positive, rows_of
+from ..checks import positive
+from ..graph import AnyGraph, GridGraph
+from .base import PatchWeights, Weights, rows_of
 
 # Brightness and two opponent colours, orthonormal but for the share of the colours, which have less detail than noise.
 CHROMA = 0.45

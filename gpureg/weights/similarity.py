@@ -8,18 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray
 from ..backends import PatchForm, Storage
-from ..graph import AnyGraph, FloatArray, GridGraph
-from .base import (
-    Parameter,
-    PatchWeights,
-    PerVertex,
-    Weights,
-    parameter,
-    part_of_parameter,
-    positive,
-    share,
-)
+from ..checks import positive, share
+from ..graph import AnyGraph, GridGraph
+from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter
 from .distance import nearness
 from .guide import Compared
 

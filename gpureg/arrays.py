@@ -1,0 +1,126 @@
+"""Arrays as they are given to gpureg, checked: numbers, finite values, points, faces, values at vertices."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.floating[Any]]
+IntArray = npt.NDArray[np.integer[Any]]
+# Vertices handled at a time where a table of (vertices, neighbours) is needed: bounds the memory.
+BLOCK_ENTRIES = 1 << 22
+
+
+def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same array, read-only from now on."""
+    array.flags.writeable = False
+    return array
+
+
+def integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
+    """`values` as an array of integers of so many axes, checked.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Values that are no integers, another number of axes.
+    """
+    array = np.asarray(values)
+    if array.size == 0 and array.dtype.kind == "f":
+        array = array.astype(np.int64)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"{name} must hold integers, got {array.dtype}")
+    if array.ndim != ndim:
+        raise ValueError(f"{name} must have {ndim} dimension(s), got shape {array.shape}")
+    return array
+
+
+def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
+    """`values` as an array; a numpy masked array, whose mask would be lost, is refused."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise TypeError(f"{name} is a masked array: give its data, and mask=~{name}.mask to what takes a mask")
+    return np.asarray(values)
+
+
+def all_finite(values: npt.NDArray[Any]) -> bool:
+    """Whether no value is NaN or infinite, in little memory besides."""
+    if values.dtype.kind != "f":
+        return True
+    flat = values.reshape(-1) if values.flags.c_contiguous else values
+    block = max(1, BLOCK_ENTRIES // max(1, math.prod(flat.shape[1:])))
+    return all(bool(np.isfinite(flat[begin : begin + block]).all()) for begin in range(0, len(flat), block))
+
+
+def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
+    """Coordinates as a float64 array (n, d), n >= 1 and d >= 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Values that are not real and finite, another shape.
+    """
+    array = unmasked(points, name)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    if array.ndim != 2 or 0 in array.shape:
+        raise ValueError(f"{name} must have shape (n, d), a row per vertex, got {array.shape}")
+    if not all_finite(array):
+        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise ValueError(f"{name} must be finite, row {row} is {array[row].tolist()}: leave such rows out")
+    return array.astype(np.float64)
+
+
+def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:
+    """Faces as an int64 array (F, k) of vertices 0..n_vertices - 1, k >= 3 corners each.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Numbers that are no integers, another shape, a vertex that is not there.
+    """
+    array = np.asarray(faces)
+    if array.size == 0:
+        array = np.zeros((0, 3), np.int64)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"faces must hold integers, got {array.dtype}")
+    if array.ndim != 2 or array.shape[1] < 3:
+        raise ValueError(f"faces must have shape (F, 3) of three vertices each, or (F, k), got {array.shape}")
+    if array.size and (array.min() < 0 or array.max() >= n_vertices):
+        wrong = array[(array < 0) | (array >= n_vertices)][0]
+        raise ValueError(f"faces must name vertices 0..{n_vertices - 1}, got {wrong}")
+    return array.astype(np.int64)
+
+
+def checked_values(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
+    """Values as (n, m), in their type where it is one of floating point.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is not real and finite, another shape.
+    """
+    f = unmasked(values, "values")
+    if f.dtype.kind not in "biuf":
+        raise TypeError(f"values must be real numbers, got {f.dtype}")
+    if f.ndim not in (1, 2) or len(f) != n or f.size == 0:
+        raise ValueError(f"values must have shape ({n},) or ({n}, m), a row per vertex, got {f.shape}")
+    if not all_finite(f):
+        raise ValueError("values must be finite: give lam=0 and any value where there is none")
+    return f.astype(f.dtype if f.dtype.kind == "f" else np.float64).reshape(n, -1)
+
+
+def checked_flags(name: str, given: npt.ArrayLike, n: int) -> npt.NDArray[np.bool_]:
+    """One truth per vertex, (n,).
+
+    Raises
+    ------
+    ValueError
+        Other types and shapes.
+    """
+    flags = np.asarray(given)
+    if flags.dtype != np.bool_ or flags.shape != (n,):
+        raise ValueError(f"{name} must be boolean of shape ({n},), one per vertex, got {flags.dtype} of {flags.shape}")
+    return flags
