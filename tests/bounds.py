@@ -25,8 +25,8 @@ import numpy as np
 
 from gpureg.arrays import FloatArray
 from gpureg.backends import PatchForm
-from gpureg.backends.numpy_optimize import conjugate
-from gpureg.backends.numpy_optimize import length as length_of
+from gpureg.backends.numpy.duality import conjugate
+from gpureg.backends.numpy.duality import length as length_of
 from gpureg.graph import Graph
 
 DIVISION, EXP, POW = 5, 6, 32  # in units of u

@@ -87,12 +87,12 @@ def as_gpu(device, dtype, monkeypatch):
     """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
     backend = backends.get(device, dtype)
     if backend.name == "warp":
-        from gpureg.backends import warp
+        from gpureg.backends.warp import primitives as warp
 
         monkeypatch.setattr(warp, "_STRIP_ROWS", 1)
         monkeypatch.setattr(warp, "_STRIP_BYTES", backend.dtype.itemsize)
         return backend
-    from gpureg.backends import opencl
+    from gpureg.backends.opencl import primitives as opencl
 
     return opencl.make(dataclasses.replace(backend.device, vector_width=1, kind="gpu"), dtype)
 

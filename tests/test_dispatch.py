@@ -9,7 +9,7 @@ import pytest
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.backends import Device
+from gpureg.backends import Device, dispatch
 
 TIERS = {"warp:cuda:0": 0, "opencl:0": 1, "opencl:1": 2, "warp:cpu": 3, "numpy": 4}
 
@@ -23,13 +23,13 @@ def present(monkeypatch: pytest.MonkeyPatch):
     """Puts devices of our choice in the place of what this machine has."""
 
     def put(*devices: Device, driver: bool = False) -> None:
-        def probe(name: str) -> backends._Probe:
+        def probe(name: str) -> dispatch._Probe:
             mine = tuple(device for device in devices if device.backend == name)
-            return backends._Probe(mine, None if mine else f"{name} is not installed: pip install 'gpureg[{name}]'")
+            return dispatch._Probe(mine, None if mine else f"{name} is not installed: pip install 'gpureg[{name}]'")
 
-        monkeypatch.setattr(backends, "_probe", probe)
+        monkeypatch.setattr(dispatch, "_probe", probe)
         cuda = driver or any(device.id.startswith("warp:cuda") for device in devices)
-        monkeypatch.setattr(backends, "_cuda_driver", lambda: cuda)
+        monkeypatch.setattr(dispatch, "_cuda_driver", lambda: cuda)
 
     return put
 
@@ -115,7 +115,7 @@ def test_devices_describe_themselves(device: str) -> None:
 )
 def test_vector_width(platform: str, kind: str, native: int, width: int) -> None:
     cl = pytest.importorskip("pyopencl", reason="OpenCL is not installed")
-    from gpureg.backends.opencl_queue import vector_width
+    from gpureg.backends.opencl.queue import vector_width
 
     device = SimpleNamespace(
         platform=SimpleNamespace(version=platform), type=getattr(cl.device_type, kind), native_vector_width_float=native

@@ -110,15 +110,8 @@ FLOORS: dict[str, int] = {
 
 # Who may import a library that is heavy, optional, or both; names of files below gpureg/, and kernels/ for itself.
 OWNERS: dict[str, tuple[str, ...]] = {
-    "pyopencl": ("backends/opencl.py", "backends/opencl_graph.py", "backends/opencl_queue.py"),
-    "warp": (
-        "backends/warp.py",
-        "backends/warp_graph.py",
-        "backends/warp_layout.py",
-        "backends/warp_optimize.py",
-        "backends/warp_zones.py",
-        "kernels/warp/",
-    ),
+    "pyopencl": ("backends/opencl/",),
+    "warp": ("backends/warp/", "kernels/warp/"),
     "matplotlib": ("plot/", "figures/sheet.py", "cli/figures.py"),
     "skimage": ("plot/", "cli/demo.py", "cli/figures.py", "figures/"),
     "trimesh": ("metrics.py", "mesh_io.py", "points_io.py"),

@@ -24,7 +24,7 @@ def test_every_pack_width_computes_the_same(width: int, kind: str, name: str) ->
     """A GPU takes packs of 1 and rounds its launches up to whole work groups: both must leave no trace."""
     if not drivers():
         pytest.skip(backends.absent()["opencl"])
-    from gpureg.backends import opencl
+    from gpureg.backends.opencl import primitives as opencl
 
     backend = opencl.make(replace(drivers()[0], vector_width=width, kind=kind), np.float32)
     made, f, f0 = graph(name), function(graph(name)), function(graph(name), seed=13)
@@ -68,8 +68,8 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     """The same bits from the whole, from blocks of other sizes, and from a part with a halo; from NaN in the ring."""
     if not drivers():
         pytest.skip(backends.absent()["opencl"])
-    from gpureg.backends import opencl
-    from gpureg.backends.opencl_layout import Blocks, GridLayout, round_up
+    from gpureg.backends.opencl import primitives as opencl
+    from gpureg.backends.opencl.layout import Blocks, GridLayout, round_up
 
     backend = opencl.make(drivers()[0], np.float32)
     grid = GridGraph(shape, radius, metric)  # type: ignore[arg-type]

@@ -273,7 +273,7 @@ def test_blocks_of_edges_do_not_show(oracle, monkeypatch, block):
     whole = oracle.jacobi_step(weighted, f, f0, None, 0.0)
     form = PatchForm(np.ones(1), scale=1.0)
     whole_weights = oracle.get_weights(oracle.patch_distance(graph, f, form))
-    monkeypatch.setattr("gpureg.backends.numpy_graph._BLOCK", block)
+    monkeypatch.setattr("gpureg.backends.numpy.edges._BLOCK", block)
     assert_close(oracle.jacobi_step(weighted, f, f0, None, 0.0), whole)
     assert_close(oracle.get_weights(oracle.patch_distance(graph, f, form)), whole_weights)
 

@@ -86,7 +86,7 @@ def test_a_gpus_blocks_of_one_vertex(device, name, monkeypatch):
     on = backends.get(device, np.float32)
     if on.name == "numpy":
         pytest.skip("numpy has no blocks")
-    monkeypatch.setattr(f"gpureg.backends.{on.name}_zones.blocks", lambda graph, cores: (1, 1))
+    monkeypatch.setattr(f"gpureg.backends.{on.name}.zones.blocks", lambda graph, cores: (1, 1))
     f, sources = levels(graph, 1, 4), some_sources(graph)
     lengths, _ = edge_lengths(vertex_values(f, graph), graph)
     oracle = backends.get("numpy", np.float64)

@@ -222,7 +222,7 @@ def test_the_weights_drawn_are_the_papers(device, pixel, metric):
 
 def test_a_part_of_the_image_is_enough(monkeypatch):
     """The weights of one pixel of a large picture take those of a few pixels around it."""
-    from gpureg.backends import numpy
+    from gpureg.backends.numpy import primitives as numpy
 
     seen = []
     compute = numpy.NumpyBackend.patch_distance

@@ -116,7 +116,7 @@ def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
     backend = backends.get(device)
     if backend.name != "opencl":
         pytest.skip("slots are OpenCL's")
-    from gpureg.backends import opencl_strips
+    from gpureg.backends.opencl import strips as opencl_strips
 
     grid = GridGraph((171, 43), 5, "euclidean")
     f, form = cases.function(grid), PatchCase("", radius=2, scale=0.5).form(grid)

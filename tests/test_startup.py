@@ -31,12 +31,12 @@ def counted(device: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, list]:
     upload = backend.upload
     monkeypatch.setattr(backend, "upload", lambda x, *a: seen["uploads"].append(x.size) or upload(x, *a))
     if device.startswith("opencl"):
-        from gpureg.backends import opencl
+        from gpureg.backends.opencl import primitives as opencl
 
         program = opencl.cl.Program
         monkeypatch.setattr(opencl.cl, "Program", lambda *a: seen["builds"].append(a) or program(*a))
     else:
-        from gpureg.backends import warp
+        from gpureg.backends.warp import primitives as warp
 
         load = warp.wp.load_module
         monkeypatch.setattr(warp.wp, "load_module", lambda *a: seen["builds"].append(a) or load(*a))

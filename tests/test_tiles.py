@@ -148,7 +148,7 @@ def test_backends_tell_the_sizes_of_their_arrays(device: str, monkeypatch: pytes
         allocate = backend._allocate
         monkeypatch.setattr(backend, "_allocate", lambda nbytes: taken.append(nbytes) or allocate(nbytes))
     else:
-        from gpureg.backends import warp
+        from gpureg.backends.warp import primitives as warp
 
         def counted(make):
             def call(*args, **kwargs):

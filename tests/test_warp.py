@@ -24,8 +24,8 @@ import warp as wp
 from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step
 from gpureg.kernels.warp import grid as grid_kernels
 
-from gpureg.backends import warp as warp_backend
-from gpureg.backends import warp_graph
+from gpureg.backends.warp import pool as warp_pool
+from gpureg.backends.warp import primitives as warp_backend
 
 
 def everything(backend, name, channels):
@@ -65,14 +65,14 @@ def everything(backend, name, channels):
 def test_threads_do_not_change_a_bit(monkeypatch, name, channels):
     """Few rows or many, cut along the one axis or the other; a stored graph by its edges."""
     backend = backends.get("warp:cpu")
-    monkeypatch.setattr(warp_graph, "cores", lambda: 1)
+    monkeypatch.setattr(warp_pool, "cores", lambda: 1)
     alone = everything(backend, name, channels)
-    monkeypatch.setattr(warp_graph, "_LEAST_WORK", 16)
+    monkeypatch.setattr(warp_pool, "LEAST_WORK", 16)
     cut = []
-    run = warp_graph._pool.run
-    monkeypatch.setattr(warp_graph._pool, "run", lambda commands: (cut.append(len(commands)), run(commands)))
+    run = warp_pool._pool.run
+    monkeypatch.setattr(warp_pool._pool, "run", lambda commands: (cut.append(len(commands)), run(commands)))
     for threads in (2, 3, 7):
-        monkeypatch.setattr(warp_graph, "cores", lambda threads=threads: threads)
+        monkeypatch.setattr(warp_pool, "cores", lambda threads=threads: threads)
         assert everything(backend, name, channels) == alone
     assert max(cut) == 4 * 7
 
@@ -96,7 +96,7 @@ def test_what_a_thread_raises_reaches_the_caller():
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        warp_graph._pool.run([Broken() for _ in range(4)])
+        warp_pool._pool.run([Broken() for _ in range(4)])
 
 
 @pytest.mark.parametrize("weighted", [False, True], ids=["unit", "weights"])
@@ -186,10 +186,10 @@ FORKED = """
 import os, sys
 import numpy as np
 from gpureg import backends
-from gpureg.backends import warp_graph as warp
+from gpureg.backends.warp import pool as warp
 from gpureg.graph import GridGraph
 
-warp._LEAST_WORK, warp.cores = 16, lambda: 2
+warp.LEAST_WORK, warp.cores = 16, lambda: 2
 backend, grid = backends.get("warp:cpu"), GridGraph((37, 53))
 weighted, f = backend.prepare(grid, None), backend.put(grid, np.arange(37.0 * 53)[:, None])
 

@@ -30,7 +30,7 @@ def prox_case(p: float, eps: float) -> ProxCase:
 
 
 if TYPE_CHECKING:
-    from .base import Array, Conductance, Weighted
+    from .types import Array, Conductance, Weighted
 
 
 class Optimization(ABC):

@@ -7,147 +7,20 @@ primitives are in ``kernels/README.md``.
 
 from __future__ import annotations
 
-import weakref
 from abc import abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graph import AnyGraph, GridGraph
-from .optimize import Optimization
+from .duality import Optimization
 from .patches import (
     PatchForm,
 )
+from .types import Array, Conductance, Device, EdgeNorm, Storage, Weighted
 from .zones import Zones
-
-Array = Any
-"""A function on the vertices, on a device: opaque to all but the backend that made it."""
-
-
-class BackendUnavailable(RuntimeError):
-    """A backend that was named is not installed, or the device has not what the job needs."""
-
-
-@dataclass(frozen=True)
-class Device:
-    """One device of one backend, as ``gpureg backends`` lists it.
-
-    Attributes
-    ----------
-    backend : str
-        "numpy", "opencl" or "warp".
-    id : str
-        The name that forces it, e.g. "opencl:1" or "warp:cuda:0".
-    name, driver : str
-        The device, and the driver with its version.
-    kind : {"cpu", "gpu"}
-    memory : int
-        Bytes.
-    vector_width : int
-        float32 values a kernel treats at a time.
-    float64 : bool
-        Whether the device computes in float64.
-    rank : tuple
-        What "auto" sorts by, best first: the tier of the dispatcher, then what the backend knows of its drivers.
-    handle : object
-        The backend's own.
-    """
-
-    backend: str
-    id: str
-    name: str
-    driver: str
-    kind: str
-    memory: int
-    vector_width: int
-    float64: bool
-    rank: tuple[float, ...]
-    handle: Any = field(default=None, repr=False, compare=False)
-
-
-@dataclass(frozen=True)
-class EdgeNorm:
-    """Conductances |d_w(f)(u, v)|_eps^(p - 2) of the edges themselves (eq. 30), in the place of a function g.
-
-    Attributes
-    ----------
-    p, eps : float
-        Degree of regularity and smoothing.
-    coupled : bool
-        One conductance for all channels, or one each.
-    """
-
-    p: float
-    eps: float
-    coupled: bool
-
-    @property
-    def power(self) -> float:
-        """The power of the square that gives the conductance."""
-        return (self.p - 2) / 2
-
-
-Storage = Literal["full", "half", "none"]
-
-Conductance = Array | EdgeNorm | None
-"""g = |grad f|^(p - 2) on the vertices, or the edge norm, or None: p = 2."""
-
-
-@dataclass(frozen=True, eq=False)
-class Weighted:
-    """A graph with its weights on a device.
-
-    Attributes
-    ----------
-    graph : Graph or GridGraph
-    topology : object
-        What the device keeps of the graph.
-    weights : object or None
-        The weights, in the device's own layout; None means 1 on every edge.
-    directed : bool
-        Whether `weights` holds gamma(u, v), one value per directed edge, instead of w.
-    storage : {"full", "half", "none"}
-        In which form `weights` holds w, see :meth:`Backend.patch_distance`.
-    """
-
-    graph: AnyGraph
-    topology: Any
-    weights: Any
-    directed: bool = False
-    storage: Storage = "full"
-
-
-def expect_stored(weighted: Weighted) -> GridGraph:
-    """The grid of weights that are stored there, once per pair."""
-    if not isinstance(weighted.graph, GridGraph) or weighted.directed or weighted.storage == "none":
-        raise BackendUnavailable("averaged patches need weights stored on a GridGraph")
-    return weighted.graph
-
-
-class Kept:
-    """Device copies of host arrays that nobody can write to, for as long as these live: uploaded once.
-
-    A graph's own weights are such an array.
-    """
-
-    def __init__(self) -> None:
-        self._copies: dict[int, tuple[weakref.ref[FloatArray], Any]] = {}
-
-    def copy(self, array: FloatArray, make: Callable[[FloatArray], Any]) -> Any:
-        """What `make` gave for this very array, or gives now."""
-        if array.flags.writeable or array.base is not None:  # a view's owner may still be written to
-            return make(array)
-        found = self._copies.get(id(array))
-        if found is not None and found[0]() is array:
-            return found[1]
-        made = make(array)
-        self._copies = {key: kept for key, kept in self._copies.items() if kept[0]() is not None}
-        self._copies[id(array)] = (weakref.ref(array), made)
-        return made
 
 
 class Backend(Optimization, Zones):
@@ -438,24 +311,3 @@ class Backend(Optimization, Zones):
 
     def finish(self) -> None:
         """Wait until all that was asked for is done."""
-
-
-def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
-    """BackendUnavailable unless weights of this form can be stored so on this kind of graph."""
-    if storage == "full":
-        return
-    if not isinstance(graph, GridGraph) or form.scale is None:
-        raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
-    if storage == "none" and (form.maps is not None or form.cut):
-        raise BackendUnavailable("weights that are cut off, or have maps of parameters, are stored, not recomputed")
-    if storage == "none" and form.radius:
-        raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
-
-
-def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:
-    """Weights with the graph's own put in the place of None; None is left where every edge has weight 1."""
-    if weights is not None:
-        return weights
-    if isinstance(graph, GridGraph):
-        return None if graph.mask is None else graph.unit_half_weights()
-    return graph.weights

@@ -6,15 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph
-from .base import (
-    Array,
-    Conductance,
-    Weighted,
-)
-from .numpy_graph import NumpyGraph, raised
-from .optimize import BALL_ROUNDINGS
+from ...arrays import FloatArray
+from ...graph import AnyGraph, GridGraph
+from ..duality import BALL_ROUNDINGS
+from ..types import Array, Conductance, Weighted
+from .edges import NumpyGraph, raised
 
 # Newton steps at most; they stop by themselves once nothing moves.
 _STEPS = 60

@@ -14,19 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
-from ..graph import AnyGraph, GridGraph, opposite_edges
-from .base import (
-    Array,
-    Backend,
-    Conductance,
-    EdgeNorm,
-    Weighted,
-    host_weights,
-)
-from .patches import (
-    padded_shape,
-)
+from ...arrays import FloatArray, IntArray
+from ...graph import AnyGraph, GridGraph, opposite_edges
+from ..patches import padded_shape
+from ..protocol import Backend
+from ..types import Array, Conductance, EdgeNorm, Weighted, host_weights
 
 # Stored edges treated at a time.
 _BLOCK = 1 << 18

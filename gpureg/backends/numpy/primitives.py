@@ -12,28 +12,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph, opposite_edges
-from .base import (
-    Array,
-    Backend,
-    Conductance,
-    Device,
-    EdgeNorm,
-    Storage,
-    Weighted,
-    expect_storage,
-    expect_stored,
-)
-from .numpy_graph import Edges, conductance_of, raised
-from .numpy_optimize import NumpyOptimization
-from .numpy_zones import NumpyZones
-from .patches import (
-    PatchForm,
-    over_patches,
-    padded_for_patches,
-    patch_jumps,
-)
+from ...arrays import FloatArray
+from ...graph import AnyGraph, GridGraph, opposite_edges
+from ..patches import PatchForm, over_patches, padded_for_patches, patch_jumps
+from ..protocol import Backend
+from ..types import Array, Conductance, Device, EdgeNorm, Storage, Weighted, expect_storage, expect_stored
+from .duality import NumpyOptimization
+from .edges import Edges, conductance_of, raised
+from .zones import NumpyZones
 
 TIER = 4
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import IntArray
-from ..graph import AnyGraph, Graph
-from .zones import Distances, Labels, Lengths, Zones, forward_jumps
+from ...arrays import IntArray
+from ...graph import AnyGraph, Graph
+from ..zones import Distances, Labels, Lengths, Zones, forward_jumps
 
 
 def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Lengths]:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .base import Array, Conductance, Weighted
-from .opencl_graph import Function, OpenCLGraph
-from .optimize import ProxCase, prox_case
+from ..duality import ProxCase, prox_case
+from ..types import Array, Conductance, Weighted
+from .launching import Function, OpenCLGraph
 
 # PROX of ``prox.cl``
 _PROX: dict[ProxCase, int] = {"newton": 0, "ball": 1, "square": 2, "power": 3}

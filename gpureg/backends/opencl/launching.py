@@ -1,7 +1,7 @@
 """Graphs in OpenCL: buffers, functions and weights in them, launches over a graph. Nothing here knows a primitive.
 
 Programs are built once per device, primitive and set of build options, and kept; pyopencl keeps the binaries on disk.
-Functions and weights are laid out as ``opencl_layout.py`` says.
+Functions and weights are laid out as ``layout.py`` says.
 """
 
 from __future__ import annotations
@@ -18,25 +18,15 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from .. import kernels
-from ..arrays import FloatArray
-from ..graph import AnyGraph, Graph, GridGraph
-from .base import (
-    Array,
-    Backend,
-    BackendUnavailable,
-    Conductance,
-    Device,
-    EdgeNorm,
-    Weighted,
-    host_weights,
-)
-from .opencl_layout import CsrLayout, GridLayout, round_up
-from .opencl_queue import HostBuffer, queue
-from .opencl_strips import Strips
-from .patches import (
-    PatchForm,
-)
+from ... import kernels
+from ...arrays import FloatArray
+from ...graph import AnyGraph, Graph, GridGraph
+from ..patches import PatchForm
+from ..protocol import Backend
+from ..types import Array, BackendUnavailable, Conductance, Device, EdgeNorm, Weighted, host_weights
+from .layout import CsrLayout, GridLayout, round_up
+from .queue import HostBuffer, queue
+from .strips import Strips
 
 GPU_TIER, CPU_TIER = 1, 2
 

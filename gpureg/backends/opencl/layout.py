@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
-from ..graph import Graph, GridGraph, opposite_edges
-from .base import Kept
+from ...arrays import FloatArray, IntArray
+from ...graph import Graph, GridGraph, opposite_edges
+from ..types import Kept
 
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]

@@ -9,32 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph
-from .base import (
-    Array,
-    Backend,
-    BackendUnavailable,
-    Conductance,
-    Device,
-    Storage,
-    Weighted,
-    expect_storage,
-    expect_stored,
-)
-from .opencl_graph import Recomputed
-from .opencl_layout import GridLayout
-from .opencl_optimize import OpenCLOptimization
-from .opencl_queue import vector_width
-from .opencl_strips import PACKS, ROWS, Strips, exp2_scale
-from .opencl_zones import OpenCLZones
-from .patches import (
-    PatchForm,
-    padded_for_patches,
-    padded_shape,
-    patch_jumps,
-    patch_lines,
-)
+from ...arrays import FloatArray
+from ...graph import AnyGraph, GridGraph
+from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
+from ..protocol import Backend
+from ..types import Array, BackendUnavailable, Conductance, Device, Storage, Weighted, expect_storage, expect_stored
+from .duality import OpenCLOptimization
+from .launching import Recomputed
+from .layout import GridLayout
+from .queue import vector_width
+from .strips import PACKS, ROWS, Strips, exp2_scale
+from .zones import OpenCLZones
 
 GPU_TIER, CPU_TIER = 1, 2
 

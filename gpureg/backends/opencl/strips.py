@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
-from ..graph import GridGraph
-from .opencl_layout import Upload, round_up
-from .patches import (
-    PatchForm,
-    reflected,
-)
+from ...arrays import FloatArray
+from ...graph import GridGraph
+from ..patches import PatchForm, reflected
+from .layout import Upload, round_up
 
 # On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
 # work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.

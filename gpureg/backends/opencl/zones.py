@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import AnyGraph, GridGraph
-from .opencl_graph import OpenCLGraph
-from .opencl_layout import CsrLayout, round_up
-from .zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from ...graph import AnyGraph, GridGraph
+from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from .launching import OpenCLGraph
+from .layout import CsrLayout, round_up
 
 _GPU_GROUP = 64
 

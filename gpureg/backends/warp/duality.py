@@ -7,11 +7,11 @@ from typing import Any
 
 import warp as wp
 
-from ..kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
-from .base import Array, Conductance, Weighted
-from .optimize import prox_case
-from .warp_graph import WarpGraph
-from .warp_layout import channels_of
+from ...kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
+from ..duality import prox_case
+from ..types import Array, Conductance, Weighted
+from .launching import WarpGraph
+from .layout import channels_of
 
 
 def _of(over: float | Array) -> int:

@@ -10,126 +10,27 @@ depend on the number of threads.
 
 from __future__ import annotations
 
-import contextlib
 import copy
-import functools
 import itertools
-import os
-import threading
 import weakref
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph
-from ..kernels.warp import pack, reals
-from .base import (
-    Array,
-    Backend,
-    Conductance,
-    Device,
-    EdgeNorm,
-    Weighted,
-    host_weights,
-)
-from .warp_layout import Bound, Csr, Grid, channels_of, equal_cuts
+from ...arrays import FloatArray
+from ...graph import AnyGraph, GridGraph
+from ...kernels.warp import pack, reals
+from ..protocol import Backend
+from ..types import Array, Conductance, Device, EdgeNorm, Weighted, host_weights
+from . import pool
+from .layout import Bound, Csr, Grid, channels_of, equal_cuts
+from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
 
 # Segments of a long sum: enough to fill a GPU, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
-
-# On the CPU: bytes of a pack of neighbouring cells, how much faster an edge is in packs, and vertices in a run.
-_PACK_BYTES, PACK_SPEED, _RUN = 64, 4, 256
-
-# Pieces per thread, so that a thread that is held up leaves the rest to the others; and the least work of a piece, in
-# edges and vertices: a tenth of a millisecond or more, a few times what it costs to hand a piece over.
-_PIECES, _LEAST_WORK = 4, 1 << 17
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Warp without its greeting and its lines on modules; its warnings stay."""
-    level = wp.config.log_level
-    if level == wp.LOG_INFO:
-        wp.config.log_level = wp.LOG_WARNING
-    try:
-        yield
-    finally:
-        wp.config.log_level = level
-
-
-_compiling = threading.RLock()
-
-
-@functools.cache
-def _kernel(alias: str, make: Callable[..., Any], *options: Any) -> Any:
-    """The kernel that `make` gives for these options, compiled and loaded."""
-    with _compiling, quiet():
-        kernel = make(*options)
-        wp.load_module(kernel.module, alias)
-        return kernel
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # a system without it
-        return os.cpu_count() or 1
-
-
-class _Pool:
-    """The threads that help the one that launches; made when they are first needed, in a forked child anew."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._threads: ThreadPoolExecutor | None = None
-        if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._forget)
-
-    def _forget(self) -> None:
-        self._lock, self._threads = threading.Lock(), None
-
-    def run(self, commands: list[Any]) -> None:
-        """Launch all commands, here and on the other threads, and wait for them."""
-
-        def work() -> None:
-            with contextlib.suppress(IndexError):
-                while True:
-                    waiting.popleft().launch()
-
-        waiting = deque(commands)
-        with self._lock:
-            if self._threads is None:
-                self._threads = ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix="gpureg-warp")
-        helpers = min(cores(), len(commands)) - 1
-        futures = []
-        with contextlib.suppress(RuntimeError):  # no new threads while Python exits: all is done here
-            futures = [self._threads.submit(work) for _ in range(helpers)]
-        try:
-            work()
-        finally:
-            # after an interrupt too: nothing is written once this returns
-            waiting.clear()
-            wait(futures)
-        for future in futures:
-            future.result()
-
-
-_pool = _Pool()
-
-
-def launch_all(commands: list[Any]) -> None:
-    """Launch the commands that a launch was cut into."""
-    if len(commands) == 1:
-        commands[0].launch()
-    else:
-        _pool.run(commands)
 
 
 class WarpGraph(Backend):
@@ -239,7 +140,7 @@ class WarpGraph(Backend):
         cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
         """Run the kernel that `make` gives for `options`, over a range of work items that does `work` in all."""
-        kernel = _kernel(self._on.alias, make, *options)
+        kernel = compiled(self._on.alias, make, *options)
         command = wp.launch(
             kernel,
             dim=dim,
@@ -249,8 +150,8 @@ class WarpGraph(Backend):
             record_cmd=True,
         )
         commands = [command]
-        threads = cores() if self._on.is_cpu else 1
-        pieces = min(threads * _PIECES, work // _LEAST_WORK)
+        threads = pool.cores() if self._on.is_cpu else 1
+        pieces = min(threads * PIECES, work // pool.LEAST_WORK)
         # the rows are cut, or where there are few of them, all of them along their length
         axis = 0 if dim[0] >= pieces else len(dim) - 1
         pieces = min(pieces, dim[axis])
@@ -288,7 +189,7 @@ class WarpGraph(Backend):
         layout, (rows, width) = bound.layout, bound.layout.shape
         packs = self._on.is_cpu and not edge_norm and pack.possible(bound.access, options[0])
         if self._on.is_cpu:
-            N = _PACK_BYTES // self.dtype.itemsize if packs else _RUN
+            N = PACK_BYTES // self.dtype.itemsize if packs else RUN
 
         def cuts(size: int, pieces: int) -> list[int]:
             return [-(-x // N) for x in layout.cuts(width, pieces)] if rows == 1 else equal_cuts(size, pieces)

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..arrays import FloatArray
-from ..graph import Graph, GridGraph, opposite_edges
-from ..kernels.warp import csr, grid
-from .base import Array, Kept
+from ...arrays import FloatArray
+from ...graph import Graph, GridGraph, opposite_edges
+from ...kernels.warp import csr, grid
+from ..types import Array, Kept
 
 Upload = Callable[[npt.NDArray[Any], Any], Any]
 """Copies a host array to the device, as numbers or vectors of a Warp type."""

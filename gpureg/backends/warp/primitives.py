@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..arrays import FloatArray, IntArray
-from ..graph import AnyGraph, GridGraph
-from ..kernels.warp import (
+from ...arrays import FloatArray, IntArray
+from ...graph import AnyGraph, GridGraph
+from ...kernels.warp import (
     adjoint,
     aggregate,
     degree,
@@ -33,30 +33,15 @@ from ..kernels.warp import (
     similarity_step,
     strip,
 )
-from . import numpy as host
-from . import warp_graph
-from .base import (
-    Array,
-    Backend,
-    BackendUnavailable,
-    Conductance,
-    Device,
-    EdgeNorm,
-    Storage,
-    Weighted,
-    expect_stored,
-)
-from .patches import (
-    PatchForm,
-    padded_for_patches,
-    padded_shape,
-    patch_lines,
-    reflected,
-)
-from .warp_graph import PACK_SPEED, launch_all, quiet
-from .warp_layout import channels_of
-from .warp_optimize import WarpOptimization
-from .warp_zones import WarpZones
+from ..numpy import primitives as host
+from ..patches import PatchForm, padded_for_patches, padded_shape, patch_lines, reflected
+from ..protocol import Backend
+from ..types import Array, BackendUnavailable, Conductance, Device, EdgeNorm, Storage, Weighted, expect_stored
+from . import pool
+from .duality import WarpOptimization
+from .layout import channels_of
+from .pool import PACK_SPEED, launch_all, quiet
+from .zones import WarpZones
 
 CUDA_TIER, CPU_TIER = 0, 3
 
@@ -390,7 +375,7 @@ class WarpBackend(WarpOptimization, WarpZones):
         if p != 2 and not edge_norm and g is None:  # an output of its own every time
             return super().sweep(weighted, f, f0, lam, g=g, out=out, **settings)
         arrays = (f, f0, lam, g, out)
-        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), *settings.values(), warp_graph.cores())
+        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), *settings.values(), pool.cores())
         past = self._sweeps.setdefault(weighted, {})
         if key in past:
             for commands in past[key][0]:

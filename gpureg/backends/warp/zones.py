@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..graph import AnyGraph, GridGraph
-from ..kernels.warp import influence_zones
-from .warp_graph import WarpGraph, cores
-from .warp_layout import Csr
-from .zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from ...graph import AnyGraph, GridGraph
+from ...kernels.warp import influence_zones
+from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from .launching import WarpGraph
+from .layout import Csr
+from .pool import cores
 
 # Reads of a vertex in a round, about: what a launch is worth cutting up for.
 _READS = 32

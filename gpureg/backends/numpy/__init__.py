@@ -1,0 +1,1 @@
+"""The numpy backend: the oracle that the devices are compared with."""

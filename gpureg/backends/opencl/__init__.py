@@ -1,0 +1,1 @@
+"""The OpenCL backend: any GPU with a driver, or a CPU through PoCL."""

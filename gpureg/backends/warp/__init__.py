@@ -1,0 +1,1 @@
+"""The NVIDIA Warp backend: CUDA devices, or the CPU."""
