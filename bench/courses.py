@@ -16,7 +16,7 @@ import numpy as np
 from skimage import data
 
 import gpureg as gr
-from gpureg.io import write_files
+from gpureg.files.pictures import write_files
 
 # p and the fidelity at which the noise of sigma 0.1 is taken away
 DEGREES = ((1.0, 14.0), (1.5, 4.0), (2.0, 0.01), (3.0, 0.01))

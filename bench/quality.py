@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gpureg as gr
-from gpureg.io import read_picture, write_atomically
+from gpureg.files.pictures import read_picture, write_atomically
 
 from . import machine
 from .model import NEEDS_DATA, data, peer

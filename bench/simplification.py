@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 import gpureg as gr
-from gpureg.io import read_picture
+from gpureg.files.pictures import read_picture
 
 from .filters import psnr
 from .model import NEEDS_DATA, data

@@ -5,14 +5,18 @@ from __future__ import annotations
 from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
 from ._version import __version__
 from .backends import BackendUnavailable
-from .build import curve_graph, face_graph, knn_graph, mesh_graph, radius_graph, ring_graph
 from .cluster import cluster_points
 from .curve import denoise_curve
 from .curve_io import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
 from .curve_simplify import simplify_curve
 from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
-from .graph import Graph, GridGraph
-from .graph_io import from_networkx, read_graph, to_networkx, write_graph
+from .graphs.csr import Graph
+from .graphs.files import read_graph, write_graph
+from .graphs.grid import GridGraph
+from .graphs.networkx import from_networkx, to_networkx
+from .graphs.of_points import knn_graph, radius_graph
+from .graphs.of_shapes import curve_graph, face_graph, mesh_graph, ring_graph
+from .graphs.reordering import reordered
 from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
 from .labels import propagate_labels
@@ -22,7 +26,8 @@ from .mesh_io import MeshError, MeshFile, read_mesh, write_mesh
 from .mesh_noise import estimate_mesh_noise
 from .mesh_simplify import simplify_mesh
 from .nearest import patch_graph
-from .noise import PhotonNoise, estimate_noise, estimate_photon_noise
+from .noise.photon import PhotonNoise, estimate_photon_noise
+from .noise.white import estimate_noise
 from .partition import energy_partition
 from .paths import Path, regularization_path
 from .plan import DenoisePlan
@@ -34,7 +39,6 @@ from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
 from .regions import Regions
 from .regularization import regularize
-from .reorder import reordered
 from .result import Interrupted, Result, Stop
 from .segment import MeshSegmentation, segment_mesh
 from .simplify import simplify_image

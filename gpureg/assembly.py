@@ -11,7 +11,8 @@ import numpy as np
 
 from .arrays import FloatArray, IntArray
 from .backends import Array
-from .graph import Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import GridGraph
 from .problem import DeviceProblem
 
 if TYPE_CHECKING:

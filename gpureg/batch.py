@@ -12,8 +12,8 @@ from statistics import fmean as mean
 from typing import Any
 
 from .backends import BackendUnavailable
-from .files import beside_of, denoise_file
-from .io import FORMATS, PictureError
+from .files.pictures import FORMATS, PictureError
+from .jobs.denoise import beside_of, denoise_file
 from .progress import progress_bar
 from .report import axes_line, left_out, quality_line
 from .settings import Settings, rehearse

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 
 Ends = tuple[IntArray, IntArray]
 

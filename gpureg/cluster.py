@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from . import backends
 from .arrays import FloatArray, IntArray
-from .build import knn_graph
-from .graph import Graph, check_weights
+from .graphs.csr import Graph
+from .graphs.edges import check_weights
+from .graphs.of_points import knn_graph
 from .pieces import Labels, Pieces, coarser, whole
-from .point_cloud import cloud_of
 from .point_normals import nearest
+from .shapes.cloud import cloud_of
 from .solvers import Solver
 from .solvers.loop import Callback
 from .weights import Weights

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, checked_points
-from .build import curve_graph
-from .graph import Graph
-from .mesh_noise import noise_on_graph
+from .graphs.csr import Graph
+from .graphs.of_shapes import curve_graph
+from .noise.graphs import noise_on_graph
 from .regularization import regularize
 from .result import Result
 from .solvers import Certified, Solver

@@ -17,7 +17,7 @@ from .curve import Curves, curves_of, denoised_curves
 from .curve_io import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
 from .curve_report import Worked, as_report
 from .curve_simplify import Function, simplified_curves
-from .io import check_place, write_files
+from .files.pictures import check_place, write_files
 from .skeleton import Skeleton, skeleton
 
 CURVE_WEIGHTS = ("constant", "inverse-distance", "inverse-square")

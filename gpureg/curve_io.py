@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
 from .curve_documents import Geo, Svg, new_geo, new_svg
-from .io import PictureError, check_place, write_atomically
-from .text_table import encode_table, read_table, read_text
+from .files.pictures import PictureError, check_place, write_atomically
+from .files.table import encode_table, read_table, read_text
 
 CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
 from .curve import Curves, curves_of
-from .graph import Graph
+from .graphs.csr import Graph
 from .regularization import regularize
 from .result import Result
 from .solvers import Solver

@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .borders import cropped, expect_border, padded
-from .graph import GridGraph, Metric
+from .graphs.edges import Metric
+from .graphs.grid import GridGraph
 from .image import denoise_image, run_plan
-from .noise import estimate_noise
+from .noise.white import estimate_noise
 from .pixels import checked
 from .plan import CENTRES, AveragePatches, Centre, DenoisePlan
 from .solvers import Jacobi

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from . import backends
 from .arrays import FloatArray
 from .assembly import undirected_edges
-from .graph import AnyGraph, GridGraph
+from .graphs.grid import AnyGraph, GridGraph
 from .multigrid import cycle, is_there
 from .problem import (
     DeviceProblem,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import Metric
+from .graphs.edges import Metric
 from .memory import budget
 from .pixels import as_image, checked, pixels_of
 from .plan import DenoisePlan, solve, without_averaging

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray
-from .graph import GridGraph, Metric
+from .graphs.edges import Metric
+from .graphs.grid import GridGraph
 from .harmonic import harmonic
 from .pixels import checked, filled
 from .problem import default_eps

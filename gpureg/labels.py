@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, unmasked
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 from .harmonic import harmonic
 from .regularization import regularize
 from .solvers import Solver

@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from . import backends
 from .backends import Backend
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 from .weights import Constant, Weights, patch_weights
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.

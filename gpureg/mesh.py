@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy.typing as npt
 
 from .mesh_denoising import Filter, denoised
+from .shapes.surface import surface_of
 from .solvers import Solver
 from .solvers.loop import Callback
-from .surface import surface_of
 from .weights import Weights
 
 

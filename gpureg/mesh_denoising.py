@@ -12,16 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, checked_flags, checked_values
-from .build import adjacent_faces, mesh_graph
 from .checks import check_size
-from .graph import Graph
-from .mesh_noise import noise_along_normals, noise_of_normals, noise_on_graph
-from .normals import fidelity_to_normals, fitted_vertices, regularized_normals
+from .graphs.csr import Graph
+from .graphs.of_shapes import adjacent_faces, mesh_graph
+from .mesh_noise import noise_along_normals, noise_of_normals
+from .noise.fidelity import fidelity_to_normals, fidelity_to_values
+from .noise.graphs import noise_on_graph
+from .normals import fitted_vertices, regularized_normals
 from .regularization import regularize
 from .result import Result
+from .shapes.surface import Surface, border_vertices, face_normals
 from .solvers import Jacobi
-from .surface import Surface, border_vertices, face_normals
-from .vertex_values import fidelity_to_values
 from .weights import Weights, cotangent
 
 Filter = Literal["normals", "vertices"]

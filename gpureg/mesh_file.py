@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import weights
-from .io import check_place, write_files
+from .files.pictures import check_place, write_files
 from .mesh_denoising import Filter, denoised
 from .mesh_io import MeshError, check_format, encode_mesh, read_mesh
 from .mesh_report import denoising_report, errors_of, simplification_report
 from .mesh_simplify import simplified
-from .surface import Surface, surface_of
+from .shapes.surface import Surface, surface_of
 
 WEIGHTS = ("constant", "inverse-distance", "inverse-square", "cotangent")
 

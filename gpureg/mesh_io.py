@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .io import PictureError, check_place, write_atomically
-from .surface import surface_of
+from .files.pictures import PictureError, check_place, write_atomically
+from .shapes.surface import surface_of
 
 FORMATS = {".ply": "PLY", ".obj": "OBJ", ".off": "OFF", ".stl": "STL"}
 

@@ -8,67 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .build import adjacent_faces, mesh_graph
-from .graph import Graph
-from .surface import face_normals, face_vectors, surface_of
-
-# The median of |x| of a normal deviate of deviation 1.
-_MEDIAN = 0.6744897501960817
+from .graphs.csr import Graph
+from .graphs.of_shapes import adjacent_faces, mesh_graph
+from .noise.graphs import MEDIAN, averaging, second_differences
+from .shapes.surface import face_normals, surface_of, vertex_normals
 
 # What noise makes of normals: distances from the mean of three neighbours over those from one of them (measured on five
 # meshes: 0.80 to 0.83), and the most of a vertex's deviation in edges over the former (0.7 to 0.95 there).
 _ACROSS, _TILT = 0.82, 1.2
-
-# Vertices that are looked at, evenly spread, where there are more: their median is as good.
-_MOST = 100_000
-
-
-def averaging(graph: Graph) -> Any:
-    """The matrix M that replaces each value by the mean of its neighbours, CSR; rows of zeros without neighbours."""
-    from scipy import sparse
-
-    degree = np.diff(graph.indptr)
-    data = np.repeat(1 / np.maximum(degree, 1), degree)
-    return sparse.csr_array((data, graph.indices, graph.indptr), shape=(graph.n_vertices,) * 2)
-
-
-def second_differences(f: FloatArray, graph: Graph, first: FloatArray | None = None) -> FloatArray:
-    """(I - M)^2 f at vertices that have neighbours, in units of what it makes of white noise of deviation 1.
-
-    `first` takes the place of (I - M) f, where that is known. Of more than 100 000 vertices some, evenly spread.
-    """
-    from scipy import sparse
-
-    M = averaging(graph)
-    n = graph.n_vertices
-    rows = np.flatnonzero(np.diff(graph.indptr) > 0)
-    rows = rows[:: -(-len(rows) // _MOST) or 1]
-    once = f - M @ f if first is None else first
-    once = once[:, None] if once.ndim == 1 else once
-    T = sparse.csr_array(sparse.eye_array(n, format="csr") - M)
-    part = T[rows]
-    growth = np.sqrt(np.asarray((part @ T).power(2).sum(axis=1)).ravel())
-    twice: FloatArray = (part @ once) / growth[:, None]
-    return twice
-
-
-def noise_on_graph(f: FloatArray, graph: Graph) -> float:
-    """Deviation of white noise in a function (n,) or (n, m) that is smooth on the graph."""
-    differences = np.abs(second_differences(f.reshape(len(f), -1), graph))
-    return float(np.median(differences) / _MEDIAN) if differences.size else 0.0
-
-
-def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
-    from scipy import sparse
-
-    corners = faces.ravel()
-    at = (corners, np.repeat(np.arange(len(faces)), 3))
-    gather = sparse.csr_array((np.ones(len(corners)), at), shape=(len(vertices), len(faces)))
-    sums: FloatArray = gather @ face_vectors(vertices, faces)
-    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    normals: FloatArray = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
-    return normals
 
 
 def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: float) -> float:
@@ -79,7 +26,7 @@ def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: fl
         return 0.0
     u = graph.edge_rows()
     edge = float(np.linalg.norm(v[u] - v[graph.indices], axis=1).mean())
-    return min(float(np.median(differences) / _MEDIAN), _TILT * turned * edge)
+    return min(float(np.median(differences) / MEDIAN), _TILT * turned * edge)
 
 
 def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:

@@ -12,7 +12,7 @@ from ._version import __version__
 from .mesh_denoising import MeshDenoising
 from .mesh_simplify import MeshSimplification
 from .report import number
-from .surface import Surface
+from .shapes.surface import Surface
 
 
 def denoising_report(before: Surface, after: Surface, found: MeshDenoising) -> dict[str, Any]:

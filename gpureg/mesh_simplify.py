@@ -10,14 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .build import mesh_graph
 from .collapse import Collapses
-from .mesh_noise import vertex_normals
+from .graphs.of_shapes import mesh_graph
 from .regularization import regularize
 from .result import Result
+from .shapes.surface import Surface, surface_of, vertex_normals
 from .solvers import Solver
 from .solvers.loop import Callback
-from .surface import Surface, surface_of
 from .weights import Weights, bilateral, guided
 
 # Reach of the default weights between unit normals of vertices: 9 degrees.

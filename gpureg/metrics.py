@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, checked_points
-from .build import face_edges
-from .surface import Surface, face_normals, face_vectors, surface_of
+from .graphs.of_shapes import face_edges
+from .shapes.surface import Surface, face_normals, face_vectors, surface_of
 
 # Pairs of a point and an element that are looked at together.
 _PAIRS = 1 << 20

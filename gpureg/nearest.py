@@ -13,10 +13,12 @@ import numpy.typing as npt
 from . import backends
 from .arrays import FloatArray, IntArray
 from .backends import Backend
-from .graph import Graph, GridGraph, Metric
+from .graphs.csr import Graph
+from .graphs.edges import Metric
+from .graphs.grid import GridGraph
+from .graphs.grid_parts import part_of
 from .pixels import checked, filled, guided_by
 from .problem import as_function
-from .tiles import part_of
 from .weights import Patch, Weights, patch, patch_weights
 
 # Distances that are looked at together: a window around so many pixels.

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .build import face_graph
+from .graphs.of_shapes import face_graph
 from .regularization import regularize
 from .result import Result
-from .surface import face_normals
+from .shapes.surface import face_normals
 from .weights import Weights, bilateral, guided
 
 # Reach of the weights between normals of the rounds after the first, a distance of unit vectors (20 degrees).
@@ -20,15 +20,6 @@ REACH = 0.35
 # How often faces that are turned over are looked for, and the steps that fit their corners again. A nut with noise of
 # 0.3 edges has 284 of them without, its normals 22 degrees off on average; 2 and 7.6 degrees with it.
 _UNFOLD, _REFIT = 10, 5
-
-
-def fidelity_to_normals(noise: float) -> float:
-    """The fidelity that :func:`regularized_normals` takes where none is given; infinite where there is no noise.
-
-    It is c / noise^2 with the c among 0.2 to 1.2 that left the least error of normals on five pairs of meshes, with
-    noise of 0.2 to 0.5 edges.
-    """
-    return 0.5 / noise**2 if noise > 0 else np.inf
 
 
 def regularized_normals(

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from . import backends
 from .arrays import FloatArray
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 from .problem import DeviceProblem, Problem, as_function
 from .spectral import markov_matrix
 from .weights import Weights

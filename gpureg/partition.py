@@ -12,7 +12,8 @@ import numpy.typing as npt
 from . import backends
 from .arrays import FloatArray, IntArray, all_finite, unmasked
 from .backends.zones import LONGEST, Labels, Lengths
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 
 # A difference is counted in units of 2^-24 of the data's range: to the last bit of float32, and exactly where the data
 # are integers of up to 24 bits.

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends
-from .graph import Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import GridGraph
 from .memory import budget
 from .problem import DeviceProblem, Problem
 from .regularization import as_run, regularize, result_of, tiles_of

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
-from .graph import Graph
+from .graphs.csr import Graph
 from .regularization import regularize
 from .result import Result
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import all_finite, unmasked
-from .graph import GridGraph
+from .graphs.grid import GridGraph
 from .weights import Patch, Smoothed, Weights, guided, patch_weights
 
 # Pixels that are filtered at a time.

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .graph import GridGraph, Metric
+from .graphs.edges import Metric
+from .graphs.grid import GridGraph
 from .nearest import nearest_patches
 from .pixels import filled, guided_by
 from .problem import as_function, default_eps

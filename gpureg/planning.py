@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graph import GridGraph, Metric
-from .noise import estimate_noise
+from .graphs.edges import Metric
+from .graphs.grid import GridGraph
+from .noise.white import estimate_noise
 from .pixels import checked, contrast, for_a_guide, pixels_of
 from .plan import DenoisePlan, solve
 from .rule import nonlocal_rule

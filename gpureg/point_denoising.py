@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, checked_flags, checked_values
-from .build import knn_graph
 from .checks import check_size
-from .graph import Graph
-from .mesh_noise import noise_on_graph
-from .normals import fidelity_to_normals
+from .graphs.csr import Graph
+from .graphs.of_points import knn_graph
+from .noise.fidelity import fidelity_to_normals, fidelity_to_values
+from .noise.graphs import noise_on_graph
 from .point_normals import (
     directions,
     fitted_points,
@@ -28,7 +28,6 @@ from .point_normals import (
 )
 from .regularization import regularize
 from .result import Result
-from .vertex_values import fidelity_to_values
 from .weights import Weights, bilateral, guided
 
 PointFilter = Literal["normals", "positions"]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import FloatArray, IntArray
-from .graph import Graph
+from .graphs.csr import Graph
 
 # Points treated at a time, whose neighbourhoods are some 100 MB.
 _PIECE = 1 << 16

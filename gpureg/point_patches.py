@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, checked_points, checked_values
-from .build import knn_graph
-from .graph import Graph
-from .point_cloud import cloud_of
+from .graphs.csr import Graph
+from .graphs.of_points import knn_graph
 from .point_normals import nearest
+from .shapes.cloud import cloud_of
 
 # Points treated at a time.
 _PIECE = 1 << 14

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy.typing as npt
 
-from .point_cloud import cloud_of
 from .point_denoising import PointFilter, denoised
 from .point_normals import noise_along_normals
+from .shapes.cloud import cloud_of
 from .solvers import Solver
 from .solvers.loop import Callback
 from .weights import Weights

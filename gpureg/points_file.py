@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from . import weights
 from .cluster import cluster_points
-from .io import check_place, write_files
+from .files.pictures import check_place, write_files
 from .point_denoising import PointFilter, denoised
 from .points_io import PointsError, PointsFile, encode_points, point_format, read_points
 from .points_report import clustering_report, denoising_report, errors_of

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray
-from .io import PictureError, check_place, write_atomically
-from .text_table import encode_table, read_table
+from .files.pictures import PictureError, check_place, write_atomically
+from .files.table import encode_table, read_table
 
 POINT_FORMATS = (".ply", ".xyz", ".csv", ".csv.gz", ".npz")
 

@@ -12,7 +12,9 @@ import numpy.typing as npt
 from .arrays import FloatArray, all_finite, unmasked
 from .backends import Array, Backend, Conductance, Weighted
 from .bipartite import has_swinging_part
-from .graph import AnyGraph, Graph, GridGraph, check_weights, opposite_edges
+from .graphs.csr import Graph
+from .graphs.edges import check_weights, opposite_edges
+from .graphs.grid import AnyGraph, GridGraph
 from .weights import Weights
 
 Gamma = Literal["sqrt", "combinatorial", "normalized", "degree"]

@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, unmasked
-from .build import ring_graph
-from .graph import Graph, GridGraph, Metric, checked_spacing
+from .graphs.csr import Graph
+from .graphs.edges import Metric, checked_spacing
+from .graphs.grid import GridGraph
+from .graphs.of_shapes import ring_graph
 
 METRICS: tuple[Metric, ...] = ("cityblock", "chebyshev")
 

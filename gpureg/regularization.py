@@ -12,7 +12,8 @@ import numpy.typing as npt
 from . import backends
 from .arrays import FloatArray
 from .backends import Backend
-from .graph import Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import GridGraph
 from .memory import Budget, Job, budget, readable
 from .problem import DeviceProblem, Problem, as_function
 from .progress import progress_bar

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ._version import __version__
-from .io import Picture
+from .files.pictures import Picture
 from .plan import DenoisePlan
 from .result import Result
 

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import backends, weights
-from .graph import Metric
+from .graphs.edges import Metric
 from .image import run_plan
-from .noise import estimate_noise
+from .noise.white import estimate_noise
 from .plan import AveragePatches, Centre, DenoisePlan
 from .planning import plan_denoising
 from .problem import Norm
@@ -228,7 +228,7 @@ def rehearse(settings: Settings) -> None:
     Raises
     ------
     ValueError, TypeError, BackendUnavailable
-        As :func:`gpureg.files.denoise_file`.
+        As :func:`gpureg.jobs.denoise.denoise_file`.
     """
     expect_fitting(settings)
     backends.get(settings.backend, np.float32 if settings.dtype is None else settings.dtype)

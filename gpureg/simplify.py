@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from . import sources as found_sources
 from .backends.zones import Labels
-from .graph import GridGraph, Metric, checked_spacing
+from .graphs.edges import Metric, checked_spacing
+from .graphs.grid import GridGraph
 from .partition import energy_partition
 from .pixels import checked, filled
 from .region_graph import region_graph

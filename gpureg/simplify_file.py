@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import weights
-from .graph import Metric
-from .io import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
+from .files.picture import Tags
+from .files.pictures import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
+from .graphs.edges import Metric
 from .layout import Layout, beside, inside_of, layout_of
-from .picture import Tags
 from .problem import Norm
 from .progress import progress_bar
 from .region_values import Model

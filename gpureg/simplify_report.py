@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._version import __version__
-from .io import Picture
+from .files.pictures import Picture
 from .regions import Regions
 from .report import about, axes_line, done_line, left_out, number
 from .simplify import ENOUGH

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
 from .curve import curves_of, denoised_curves
-from .graph import Graph
+from .graphs.csr import Graph
 
 # Vertices whose rays are cast together.
 _BLOCK = 1 << 22

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from . import backends
 from .arrays import FloatArray
 from .backends.zones import Labels
-from .graph import AnyGraph, Graph, GridGraph
+from .graphs.csr import Graph
+from .graphs.grid import AnyGraph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
 
 Kind = Literal["both", "minima", "maxima"]

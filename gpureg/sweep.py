@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from . import backends
 from .backends import Backend
-from .graph import GridGraph
+from .graphs.grid import GridGraph
 from .memory import Budget, Job, budget
 from .problem import Problem
 from .progress import progress_bar

@@ -16,7 +16,8 @@ import numpy as np
 
 from .arrays import FloatArray, all_finite
 from .backends import Array, Backend, Weighted, over_patches
-from .graph import GridGraph
+from .graphs.grid import GridGraph
+from .graphs.grid_parts import part_of, rows_of
 from .memory import Budget, Job, Need, readable
 from .problem import DeviceProblem, Problem
 from .result import Stop
@@ -62,13 +63,6 @@ class Tiling:
         """Cells computed over cells kept."""
         kept = sum(math.prod(s.stop - s.start for s in tile.own) for tile in self.tiles)
         return float(sum(math.prod(tile.shape) for tile in self.tiles) / kept)
-
-
-def part_of(grid: GridGraph, box: tuple[slice, ...]) -> GridGraph:
-    """The part of a grid in a box."""
-    shape = tuple(s.stop - s.start for s in box)
-    mask = None if grid.mask is None else grid.mask[box]
-    return GridGraph(shape, grid.radius, grid.metric, spacing=grid.spacing, mask=mask)
 
 
 def halo(problem: Problem, sweeps: int) -> tuple[int, ...]:
@@ -244,11 +238,6 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
             weights[h][start] = half[plane][start]
         weights = weights[: part.half_window]
     return replace(problem, graph=part, f0=rows_of(grid, problem.f0, tile.wide), lam=lam, weights=weights)
-
-
-def rows_of(grid: GridGraph, f: FloatArray, box: tuple[slice, ...]) -> FloatArray:
-    """The rows of a function (n, m) that belong to a box of the grid; a view where it can be."""
-    return f.reshape(*grid.shape, f.shape[1])[box].reshape(-1, f.shape[1])
 
 
 @dataclass

@@ -27,7 +27,7 @@ from gpureg.arrays import FloatArray
 from gpureg.backends import PatchForm
 from gpureg.backends.numpy.duality import conjugate
 from gpureg.backends.numpy.duality import length as length_of
-from gpureg.graph import Graph
+from gpureg.graphs.csr import Graph
 
 DIVISION, EXP, POW = 5, 6, 32  # in units of u
 

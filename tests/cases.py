@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpureg.arrays import FloatArray
-from gpureg.graph import Graph, GridGraph
+from gpureg.graphs.csr import Graph
+from gpureg.graphs.grid import GridGraph
 
 AnyGraph = Graph | GridGraph
 

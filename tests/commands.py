@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 import gpureg
 from gpureg.cli import main
-from gpureg.io import Picture
+from gpureg.files.pictures import Picture
 
 SIGMA = 15.0  # of 255
 ROOT = Path(gpureg.__file__).resolve().parent.parent

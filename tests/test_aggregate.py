@@ -14,7 +14,7 @@ from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
 
 from gpureg import backends, tiles
 from gpureg.backends import BackendUnavailable
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 # graph, channels, radius of the patch, dtype
 CASES = (

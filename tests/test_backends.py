@@ -15,7 +15,9 @@ from numpy.testing import assert_array_equal
 
 from gpureg import backends, kernels
 from gpureg.backends import BackendUnavailable, EdgeNorm, PatchForm
-from gpureg.graph import Graph, GridGraph, opposite_edges
+from gpureg.graphs.csr import Graph
+from gpureg.graphs.edges import opposite_edges
+from gpureg.graphs.grid import GridGraph
 
 DTYPES = ("float32", "float64")
 

@@ -18,7 +18,7 @@ from users import needs_users, no_root
 import gpureg
 from gpureg import batch
 from gpureg.batch import expand, is_pattern, targets_in
-from gpureg.io import Picture, PictureError, read_picture, write_picture
+from gpureg.files.pictures import Picture, PictureError, read_picture, write_picture
 from gpureg.settings import Settings, rehearse
 
 

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 import gpureg as gr
 from gpureg.cli import simplify
-from gpureg.io import Picture, read_picture, write_picture
+from gpureg.files.pictures import Picture, read_picture, write_picture
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,8 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_paper import CHANNELS, Form, assert_close, both_forms, literal, oracle  # noqa: F401, a fixture
 
-from gpureg.graph import Graph, GridGraph
+from gpureg.graphs.csr import Graph
+from gpureg.graphs.grid import GridGraph
 
 P = (1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
 BETA, SIGMA = 0.375, 0.7

@@ -11,7 +11,7 @@ import tifffile
 from commands import SIGMA, clean_picture, denoise, done, failed, noisy_picture, on_terminal, process, report
 
 import gpureg
-from gpureg.io import Picture, read_picture, write_picture
+from gpureg.files.pictures import Picture, read_picture, write_picture
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ import pytest
 from cases import TOLERANCES, rng
 
 import gpureg as gr
-from gpureg import noise, pixels, plan, planning
+from gpureg import pixels, plan, planning
+from gpureg.noise import white as noise
 
 
 def blocks(shape: tuple[int, ...] = (48, 64), size: int = 16) -> np.ndarray:
@@ -343,7 +344,7 @@ def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest
     scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
     before = noisy(scene, sigma).astype(np.float32)
     whole, contrast = gr.estimate_noise(before), pixels.contrast(before, None, None)
-    monkeypatch.setattr(noise, "_LARGE", 1 << 20)
+    monkeypatch.setattr(noise, "LARGE", 1 << 20)
     monkeypatch.setattr(pixels, "_BAND", 1 << 17)
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)

@@ -17,8 +17,15 @@ import tifffile
 from PIL import Image, ImageCms
 from users import needs_users, no_root
 
-from gpureg import io as files
-from gpureg.io import Picture, PictureError, check_destination, read_picture, write_atomically, write_picture
+from gpureg.files import pictures as files
+from gpureg.files.pictures import (
+    Picture,
+    PictureError,
+    check_destination,
+    read_picture,
+    write_atomically,
+    write_picture,
+)
 
 SIZE = (23, 17)  # odd, and not square: a transposed picture is found out
 

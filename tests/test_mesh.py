@@ -10,9 +10,9 @@ import trimesh
 
 import gpureg as gr
 from gpureg.mesh_denoising import denoised
-from gpureg.mesh_noise import noise_on_graph
+from gpureg.noise.graphs import noise_on_graph
 from gpureg.normals import fitted_vertices
-from gpureg.surface import face_normals, surface_of
+from gpureg.shapes.surface import face_normals, surface_of
 
 SPHERE = trimesh.creation.icosphere(3)
 BOX = trimesh.creation.box().subdivide().subdivide().subdivide()

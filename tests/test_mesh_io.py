@@ -11,7 +11,7 @@ import trimesh
 from users import needs_users, no_root
 
 import gpureg as gr
-from gpureg.io import PictureError
+from gpureg.files.pictures import PictureError
 from gpureg.mesh_io import FORMATS, MeshError, encode_mesh, read_mesh, write_mesh
 
 SPHERE = trimesh.creation.icosphere(1)

@@ -9,7 +9,7 @@ import trimesh
 import gpureg as gr
 from gpureg import collapse
 from gpureg.mesh_simplify import simplified
-from gpureg.surface import surface_of
+from gpureg.shapes.surface import surface_of
 
 MODEL = {"p": 0.1, "lam": 0.001, "max_iter": 200}
 

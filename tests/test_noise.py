@@ -8,7 +8,8 @@ from cases import rng
 from scipy import ndimage
 
 import gpureg as gr
-from gpureg import noise
+from gpureg.noise import blocks
+from gpureg.noise import white as noise
 
 
 def field(shape: tuple[int, ...], smooth: float, seed: int = 1) -> np.ndarray:
@@ -38,8 +39,8 @@ def test_a_thin_stack_is_one_of_planes() -> None:
 def test_a_large_volume_is_looked_at_in_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
     volume = 40 * field((40, 60, 70), 3) + rng(0).normal(0, 10, (40, 60, 70))
     whole = gr.estimate_noise(volume)
-    monkeypatch.setattr(noise, "_LARGE", 1 << 16)
-    monkeypatch.setattr(noise, "_TILES", {2: (8, 256), 3: (3, 20)})
+    monkeypatch.setattr(noise, "LARGE", 1 << 16)
+    monkeypatch.setattr(blocks, "TILES", {2: (8, 256), 3: (3, 20)})
     parts = list(noise._samples(volume.shape))
     assert len(parts) == 27
     assert all(volume[part].shape == (20, 20, 20) for part in parts)

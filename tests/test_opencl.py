@@ -9,7 +9,7 @@ import pytest
 from cases import EPS, fidelity, function, graph, half_weights, weights
 
 from gpureg import backends
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 ORACLE = backends.get("numpy", np.float64)
 

@@ -14,7 +14,8 @@ import pytest
 from test_backends import assert_within, backend, forms, nan, oracle, rounded  # noqa: F401, a fixture
 
 from gpureg.backends import EdgeNorm
-from gpureg.graph import GridGraph, opposite_edges
+from gpureg.graphs.edges import opposite_edges
+from gpureg.graphs.grid import GridGraph
 
 BETA, SIGMA = 0.375, 0.75
 

@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose
 
 from gpureg import backends
 from gpureg.backends import PatchForm
-from gpureg.graph import Graph, GridGraph
+from gpureg.graphs.csr import Graph
+from gpureg.graphs.grid import GridGraph
 
 # Both sides compute in float64 (u = 1.1e-16) and differ in the order of their sums alone. The counting of
 # cases.TOLERANCES gives 1498 u = 1.7e-13 for 80 neighbours and 3 channels; the graphs here have at most 26. All

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 import gpureg as gr
+from gpureg.files.table import encode_table, read_table
 from gpureg.points_io import POINT_FORMATS, encode_points
-from gpureg.text_table import encode_table, read_table
 
 RNG = np.random.default_rng(4)
 POINTS = RNG.normal(size=(50, 3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpureg import backends
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 GRAPH = GridGraph((5, 7), metric="cityblock")
 

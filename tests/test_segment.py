@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import gpureg as gr
-from gpureg.build import face_graph
+from gpureg.graphs.of_shapes import face_graph
 from gpureg.segment import _borders
 
 

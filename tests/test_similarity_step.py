@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from test_backends import PatchCase, as_gpu, assert_within, at_both_ends, nan, oracle
 
 from gpureg import backends
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 STEPS = (
     (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),

@@ -15,8 +15,8 @@ import tifffile
 from commands import call, denoise, done, failed, report
 
 import gpureg
-from gpureg.io import Picture, PictureError, read_picture, write_picture
-from gpureg.picture import AxesError, checked_axes
+from gpureg.files.picture import AxesError, checked_axes
+from gpureg.files.pictures import Picture, PictureError, read_picture, write_picture
 
 SIZES = {"T": 5, "Z": 4, "C": 2, "Y": 13, "X": 17, "S": 3}  # all different: exchanged axes are found out
 
@@ -227,7 +227,7 @@ def test_renamed_axes_are_written_and_lose_the_words_of_the_old(tmp_path):
 
 
 def test_what_imagej_does_not_hold_keeps_its_axes(tmp_path):
-    picture = Picture(values("TYX", "float64"), axes="TYX", tags=gpureg.picture.Tags(kind="imagej"))
+    picture = Picture(values("TYX", "float64"), axes="TYX", tags=gpureg.files.picture.Tags(kind="imagej"))
     write_picture(tmp_path / "out.tif", picture)
     with tifffile.TiffFile(tmp_path / "out.tif") as after:
         assert (after.series[0].axes, after.series[0].dtype, after.is_imagej) == ("TYX", np.float64, False)

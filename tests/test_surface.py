@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import gpureg as gr
-from gpureg.surface import border_vertices, surface_of
+from gpureg.shapes.surface import border_vertices, surface_of
 
 SPHERE = trimesh.creation.icosphere(2)
 RNG = np.random.default_rng(5)

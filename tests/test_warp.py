@@ -15,7 +15,7 @@ from test_backends import PatchCase, assert_within, nan, oracle
 
 from gpureg import backends
 from gpureg.backends import EdgeNorm
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 if "warp" in backends.absent():
     pytest.skip(backends.absent()["warp"], allow_module_level=True)

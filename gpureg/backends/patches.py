@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 from .duality import Optimization
 from .patches import (
     PatchForm,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ..arrays import FloatArray
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 from .patches import (
     PatchForm,
 )

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 
 Lengths = npt.NDArray[np.int32]
 """Lengths of edges, -1 where there is none to go along: (n_edges,) on a Graph, one per directed edge; (n, K/2) on a

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 import numpy as np
 
+from ..files.pictures import PictureError, check_destination
 from ..image import run_plan
-from ..io import PictureError, check_destination
 from ..planning import plan_denoising
 from .group import sentences
 from .options import FILE, examples

@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from ..batch import Outcome, denoise_files, expand, is_pattern
-from ..files import denoise_file
-from ..graph import METRICS
+from ..files.picture import checked_axes
+from ..graphs.edges import METRICS
+from ..jobs.denoise import denoise_file
 from ..memory import as_bytes
-from ..picture import checked_axes
 from ..plan import CENTRES
 from ..problem import NORMS
 from ..report import as_lines

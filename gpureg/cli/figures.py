@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ..picture import PictureError
+from ..files.picture import PictureError
 from ..progress import progress_bar
 from . import options
 from .group import sentences

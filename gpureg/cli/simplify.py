@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ..picture import checked_axes
+from ..files.picture import checked_axes
 from ..problem import NORMS
 from ..region_graph import METRICS
 from ..region_values import MODELS

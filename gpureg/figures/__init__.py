@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from ..io import check_place
+from ..files.pictures import check_place
 from . import fig1, fig2, fig3, fig4, fig5, fig6, fig7, fig8, fig9, levelling
 from .inputs import Inputs
 from .sheet import Drawn

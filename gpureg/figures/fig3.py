@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import GridGraph
+from ..graphs.grid import GridGraph
 from ..image import denoise_image
-from ..noise import estimate_noise
+from ..noise.white import estimate_noise
 from ..regularization import regularize
 from ..weights import Weights, patch
 from .inputs import Inputs

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from .. import metrics
-from ..build import mesh_graph
+from ..graphs.of_shapes import mesh_graph
 from ..mesh import denoise_mesh
-from ..mesh_noise import estimate_mesh_noise, vertex_normals
+from ..mesh_noise import estimate_mesh_noise
 from ..plot import meshes
-from ..surface import surface_of
+from ..shapes.surface import surface_of, vertex_normals
 from ..weights import inverse_distance
 from .inputs import Inputs, Pair
 from .sheet import Drawn, caption, share

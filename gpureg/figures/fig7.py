@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from .. import metrics
 from ..arrays import FloatArray
-from ..build import curve_graph
 from ..curve_simplify import simplify_curve
+from ..graphs.of_shapes import curve_graph
 from ..pieces import met
 from ..plot.canvas import new_figure
 from ..regularization import regularize

@@ -7,7 +7,7 @@ from typing import Any
 from .. import metrics
 from ..mesh_simplify import simplified
 from ..plot import meshes
-from ..surface import surface_of
+from ..shapes.surface import surface_of
 from ..weights import constant
 from .fig6 import mean_edge
 from .inputs import Inputs

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import Graph
+from ..graphs.csr import Graph
 from ..plot import skeleton
 from ..skeleton import simplify_skeleton
 from .inputs import Inputs

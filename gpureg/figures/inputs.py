@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..curve_io import CurveError, read_curves
-from ..io import read_picture
+from ..files.picture import Picture, PictureError
+from ..files.pictures import read_picture
 from ..mesh_io import read_mesh
-from ..picture import Picture, PictureError
 from . import made
 
 Pair = tuple[FloatArray, IntArray]

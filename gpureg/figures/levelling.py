@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graph import GridGraph
+from ..graphs.grid import GridGraph
 from ..regularization import regularize
 from ..result import Result
 from ..weights import Weights, bilateral, patch

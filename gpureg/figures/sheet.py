@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..io import write_files
+from ..files.pictures import write_files
 from ..plot.canvas import new_figure
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .io import PictureError
+from ..arrays import FloatArray
+from .pictures import PictureError
 
 
 @dataclass(frozen=True, eq=False)

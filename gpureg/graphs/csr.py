@@ -1,106 +1,24 @@
-"""Weighted graphs: stored ones (:class:`Graph`, CSR) and implicit grids (:class:`GridGraph`).
+"""Weighted graphs in compressed sparse row form (:class:`Graph`).
 
-Both are frozen and checked once, when they are made. Edges are undirected, each is stored in both directions, and
+A graph is frozen, and checked once, when it is made. Edges are undirected, each is stored in both directions, and
 there are no self-loops (section 2.1 of the paper).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray, IntArray, frozen, integers
+from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize, check_weights, refuse_loops, symmetrized
+
 if TYPE_CHECKING:
     from scipy import sparse
-from .arrays import BLOCK_ENTRIES, FloatArray, IntArray, frozen, integers
 
-Metric = Literal["chebyshev", "euclidean", "cityblock"]
-METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
-Symmetrize = Literal["max", "mean", "mutual"]
-SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mean", "mutual")
-# The end of every refusal of a directed graph or a repeated edge.
-SYMMETRIZE_MENDS = (
-    'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph '
-    "mends that"
-)
-
-
-def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    """A float copy of ``weights``, after checking shape, finiteness and sign."""
-    array = np.array(weights, dtype=np.result_type(np.asarray(weights).dtype, np.float32))
-    if array.dtype.kind != "f":
-        raise TypeError(f"weights must be real numbers, got {array.dtype}")
-    if array.shape != shape:
-        raise ValueError(f"weights must have shape {shape} ({what}), got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"weights must be finite, got {array[~np.isfinite(array)][0]}")
-    if array.size and array.min() < 0:
-        raise ValueError(f"weights must be >= 0, got {array.min()}")
-    return array
-
-
-def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...] | None:
-    """`spacing` as a tuple of so many finite numbers > 0, or None."""
-    if spacing is None:
-        return None
-    if np.ndim(spacing) != 1:
-        raise ValueError(f"spacing must hold {ndim} numbers, one per axis, got {spacing}")
-    steps = tuple(float(s) for s in spacing)
-    if len(steps) != ndim or not all(math.isfinite(s) and s > 0 for s in steps):
-        raise ValueError(f"spacing must hold {ndim} finite numbers > 0, got {spacing}")
-    return steps
-
-
-def check_symmetrize(symmetrize: str | None) -> None:
-    """Refuse what is no value of `symmetrize`."""
-    if symmetrize is not None and symmetrize not in SYMMETRIZE:
-        raise ValueError(f'symmetrize must be None, "max", "mean" or "mutual", got {symmetrize!r}')
-
-
-def _refuse_loops(rows: IntArray, columns: IntArray) -> None:
-    loops = rows == columns
-    if loops.any():
-        raise ValueError(
-            f"self-loops are not allowed, vertex {rows[loops][0]} has one: leave it out "
-            f"(of a scipy matrix: A.setdiag(0), then A.eliminate_zeros())"
-        )
-
-
-def _symmetrized(pairs: IntArray, weights: FloatArray | None, how: Symmetrize) -> tuple[IntArray, FloatArray | None]:
-    """Directed edges (E, 2), repeated ones among them, as undirected ones, each once; `weights` may be None for 1."""
-    _refuse_loops(pairs[:, 0], pairs[:, 1])
-    low, high, forward = pairs.min(axis=1), pairs.max(axis=1), pairs[:, 0] < pairs[:, 1]
-    # Edges between the same two vertices come to stand together, those that lead forward last.
-    order = np.lexsort((forward, high, low))
-    low, high, forward = low[order], high[order], forward[order]
-    new = np.ones(len(order), bool)
-    new[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    starts = np.flatnonzero(new)
-    once = np.stack([low[starts], high[starts]], axis=1)
-    values = (np.ones(len(order)) if weights is None else weights)[order]
-    if how == "max":
-        joined = np.maximum.reduceat(values, starts)
-    elif how == "mean":
-        joined = np.add.reduceat(values, starts) / 2
-    else:
-        ends = np.append(starts[1:], len(order)) - 1
-        mutual = ~forward[starts] & forward[ends]
-        once, joined = once[mutual], np.minimum.reduceat(values, starts)[mutual]
-    return once, None if weights is None and (joined == 1).all() else joined
-
-
-def opposite_edges(indptr: IntArray, indices: IntArray) -> IntArray:
-    """Where edge (v, u) is stored, for each stored edge (u, v) of a symmetric graph with sorted rows, (n_edges,)."""
-    from scipy import sparse
-
-    n = len(indptr) - 1
-    numbered = sparse.csr_array((np.arange(len(indices)), indices, indptr), shape=(n, n))
-    opposite: IntArray = numbered.T.tocsr().data
-    return opposite
+    from .grid import GridGraph
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +85,7 @@ class Graph:
             indices = indices[order]
             if weights is not None:
                 weights = weights[order]
-        _refuse_loops(rows, indices)
+        refuse_loops(rows, indices)
         repeated = (rows[1:] == rows[:-1]) & (indices[1:] == indices[:-1])
         if repeated.any():
             u, v = rows[1:][repeated][0], indices[1:][repeated][0]
@@ -272,7 +190,7 @@ class Graph:
             raise ValueError(f"edges must join vertices 0..{n - 1}, got {pairs.min()}..{pairs.max()}")
         once = None if weights is None else check_weights(weights, (len(pairs),), "one per undirected edge")
         if symmetrize is not None and len(pairs):
-            pairs, once = _symmetrized(pairs, once, symmetrize)
+            pairs, once = symmetrized(pairs, once, symmetrize)
         rows = np.concatenate([pairs[:, 0], pairs[:, 1]])
         columns = np.concatenate([pairs[:, 1], pairs[:, 0]])
         order = np.lexsort((columns, rows))
@@ -384,271 +302,3 @@ class Graph:
     def edge_rows(self) -> IntArray:
         """The vertex each stored directed edge starts from, shape (n_edges,)."""
         return np.repeat(np.arange(self.n_vertices), np.diff(self.indptr))
-
-
-@dataclass(frozen=True, eq=False)
-class GridGraph:
-    """The implicit k-neighbourhood graph of a regular grid; nothing is stored per edge.
-
-    Vertices are the cells of an array of the given shape, in row-major order. Two of them are joined when their
-    distance is at most `radius` (the neighbourhood N_k of section 5.2). Vertices exist only inside the grid: at the
-    border a window is clipped.
-
-    Parameters
-    ----------
-    shape : int or sequence of int
-        Size of each axis, any number of axes.
-    radius : float, default 1
-        Reach of the neighbourhood, in the units of `spacing`. Infinity gives the complete graph, for small grids.
-    metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
-        "chebyshev" gives square windows, "euclidean" disks, "cityblock" diamonds; ``radius=1`` with "cityblock" is
-        the paper's 4-adjacency graph G_0, with "chebyshev" its 8-adjacency graph G_1.
-    spacing : sequence of float, optional
-        Distance between cells along each axis; None means 1.
-    mask : bool array of the grid's shape, optional
-        True where a vertex takes part. The others stay vertices, without an edge.
-
-    Raises
-    ------
-    TypeError, ValueError
-        An empty shape, a radius that reaches no neighbour, an unknown metric, spacing or mask that do not match.
-
-    Examples
-    --------
-    >>> grid = GridGraph((4, 5), radius=1, metric="cityblock")
-    >>> grid.offsets.tolist()
-    [[-1, 0], [0, -1], [0, 1], [1, 0]]
-    >>> grid.n_vertices, grid.n_edges, grid.to_graph().n_edges
-    (20, 62, 62)
-    """
-
-    shape: tuple[int, ...]
-    radius: float = 1
-    metric: Metric = "chebyshev"
-    spacing: tuple[float, ...] | None = None
-    mask: npt.NDArray[np.bool_] | None = None
-
-    def __init__(
-        self,
-        shape: int | Sequence[int],
-        radius: float = 1,
-        metric: Metric = "chebyshev",
-        *,
-        spacing: Sequence[float] | None = None,
-        mask: npt.ArrayLike | None = None,
-    ) -> None:
-        sizes = tuple(np.atleast_1d(np.asarray(shape)).tolist())
-        if not sizes or any(type(s) is not int or s < 1 for s in sizes):
-            raise ValueError(f"shape must hold one or more integers >= 1, got {shape}")
-        if metric not in METRICS:
-            raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
-        steps = checked_spacing(spacing, len(sizes))
-        if isinstance(radius, bool) or not isinstance(radius, int | float | np.integer | np.floating):
-            raise TypeError(f"radius must be a number, got {radius!r}")
-        if not radius >= min(steps or (1.0,)):
-            raise ValueError(f"radius must reach the nearest neighbour, got {radius}")
-        inside: npt.NDArray[np.bool_] | None = None
-        if mask is not None:
-            inside = np.array(mask)
-            if inside.dtype != np.bool_ or inside.shape != sizes:
-                raise ValueError(f"mask must be boolean of shape {sizes}, got {inside.dtype} of shape {inside.shape}")
-            frozen(inside)
-        for name, value in (("shape", sizes), ("radius", radius), ("metric", metric), ("spacing", steps)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "mask", inside)
-        object.__setattr__(self, "_offsets", frozen(self._window()))
-
-    def _window(self) -> IntArray:
-        steps = np.array(self.spacing or (1.0,) * len(self.shape))
-        # An axis of s cells has no neighbour further than s - 1.
-        reach = [int(min(self.radius / d + 1e-9, s - 1)) for d, s in zip(steps, self.shape, strict=True)]
-        axes = [np.arange(-r, r + 1) for r in reach]
-        offsets = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-        distance = np.abs(offsets) * steps
-        if self.metric == "chebyshev":
-            length = distance.max(axis=1)
-        elif self.metric == "euclidean":
-            length = np.sqrt((distance**2).sum(axis=1))
-        else:
-            length = distance.sum(axis=1)
-        kept = (length <= self.radius * (1 + 1e-9)) & (np.abs(offsets).sum(axis=1) > 0)
-        window: IntArray = offsets[kept].astype(np.int64)
-        return window
-
-    def __repr__(self) -> str:
-        masked = "" if self.mask is None else f", {int(self.mask.sum())} cells in the mask"
-        return f"GridGraph(shape={self.shape}, radius={self.radius:g}, metric={self.metric!r}{masked})"
-
-    @property
-    def offsets(self) -> IntArray:
-        """Steps from a vertex to its neighbours, (K, ndim), in lexicographic order.
-
-        The opposite of offset k is offset K - 1 - k; the last K/2 lead forward in row-major order.
-        """
-        offsets: IntArray = self._offsets  # type: ignore[attr-defined]
-        return offsets
-
-    @property
-    def half_window(self) -> int:
-        """Number of forward offsets, K/2: weights are stored for these alone."""
-        return len(self.offsets) // 2
-
-    @property
-    def forward_offsets(self) -> IntArray:
-        """The forward half of the offsets, (K/2, ndim)."""
-        return self.offsets[self.half_window :]
-
-    @property
-    def ndim(self) -> int:
-        """Number of axes."""
-        return len(self.shape)
-
-    @property
-    def n_vertices(self) -> int:
-        """Number of vertices, masked ones included."""
-        return math.prod(self.shape)
-
-    @property
-    def n_edges(self) -> int:
-        """Number of directed edges, twice the number of undirected ones."""
-        if self.mask is not None:
-            return 2 * sum(int(self._inside_mask(step).sum()) for step in self.forward_offsets)
-        return sum(math.prod(s - abs(int(o)) for s, o in zip(self.shape, step, strict=True)) for step in self.offsets)
-
-    def ends(self, step: IntArray) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-        """Slices of an array on the grid that select the start and the end of every edge along `step`."""
-        pairs = [(int(o), s) for o, s in zip(step, self.shape, strict=True)]
-        start = tuple(slice(max(0, -o), s - max(0, o)) for o, s in pairs)
-        end = tuple(slice(max(0, o), s - max(0, -o)) for o, s in pairs)
-        return start, end
-
-    def _inside_mask(self, step: IntArray) -> npt.NDArray[np.bool_]:
-        start, end = self.ends(step)
-        assert self.mask is not None
-        both: npt.NDArray[np.bool_] = self.mask[start] & self.mask[end]
-        return both
-
-    def unit_half_weights(self) -> FloatArray:
-        """Weight 1 on every edge as stored once per pair, (K/2, *shape): 0 where an edge leaves grid or mask."""
-        half = np.zeros((self.half_window, *self.shape), np.float32)
-        for plane, step in zip(half, self.forward_offsets, strict=True):
-            start, _ = self.ends(step)
-            plane[start] = 1 if self.mask is None else self._inside_mask(step)
-        return half
-
-    def _edge_blocks(self) -> Iterator[tuple[IntArray, IntArray, npt.NDArray[np.bool_]]]:
-        """Blocks of vertices u (B,), their neighbours v (B, K), and which of these exist (B, K)."""
-        offsets, K = self.offsets, max(1, len(self.offsets))
-        strides = np.array([math.prod(self.shape[d + 1 :]) for d in range(self.ndim)], np.int64)
-        jumps = offsets @ strides
-        block = max(1, BLOCK_ENTRIES // (K * self.ndim))
-        inside = None if self.mask is None else self.mask.ravel()
-        for begin in range(0, self.n_vertices, block):
-            u = np.arange(begin, min(begin + block, self.n_vertices))
-            there = np.stack(np.unravel_index(u, self.shape), axis=-1)[:, None, :] + offsets[None]
-            exists: npt.NDArray[np.bool_] = np.asarray(((there >= 0) & (there < np.array(self.shape))).all(axis=-1))
-            v = u[:, None] + jumps[None]
-            if inside is not None:
-                exists = exists & inside[u][:, None] & inside[np.where(exists, v, 0)]
-            yield u, v, exists
-
-    def to_graph(self, half_weights: FloatArray | None = None) -> Graph:
-        """The same graph as CSR with row-major vertices, carrying positions (in units of spacing) and the grid.
-
-        Parameters
-        ----------
-        half_weights : (K/2, *shape) float array, optional
-            Weights stored once per pair, as the ``half_weights`` methods give them; None means 1.
-        """
-        counts, columns = [], []
-        for _, v, exists in self._edge_blocks():
-            counts.append(exists.sum(axis=1))
-            columns.append(v[exists])
-        indptr = np.concatenate([[0], np.cumsum(np.concatenate(counts))])
-        indices = np.concatenate(columns)
-        weights = None if half_weights is None else self.half_to_edges(half_weights)
-        steps = np.array(self.spacing or (1.0,) * self.ndim)
-        positions = np.stack(np.unravel_index(np.arange(self.n_vertices), self.shape), axis=-1) * steps
-        return Graph(indptr, indices, weights, positions, self)
-
-    def half_to_edges(self, half: npt.ArrayLike) -> FloatArray:
-        """Weights stored once per pair, (K/2, *shape), as one per directed edge in the order of :meth:`to_graph`."""
-        H, n = self.half_window, self.n_vertices
-        planes: FloatArray = np.asarray(half)
-        if planes.shape != (H, *self.shape):
-            raise ValueError(f"half weights must have shape {(H, *self.shape)}, got {planes.shape}")
-        flat = planes.reshape(H, n)
-        values = []
-        for u, v, exists in self._edge_blocks():
-            table = np.empty(v.shape, planes.dtype)
-            for k in range(2 * H):
-                plane = k - H if k >= H else H - 1 - k
-                table[:, k] = flat[plane, u if k >= H else np.where(exists[:, k], v[:, k], 0)]
-            values.append(table[exists])
-        return np.concatenate(values)
-
-    def flat_edges(self, values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-        """One value per directed edge, given as (n_edges,) or (*shape, K), in the order of :meth:`to_graph`.
-
-        Raises
-        ------
-        ValueError
-            Another shape.
-        """
-        K, array = len(self.offsets), np.asarray(values)
-        if array.shape == (self.n_edges,):
-            return array
-        if array.shape != (*self.shape, K):
-            raise ValueError(
-                f"{name} must have shape ({self.n_edges},), one per directed edge in the order of to_graph(), "
-                f"or {(*self.shape, K)}, one per offset; got {array.shape}"
-            )
-        exists = np.concatenate([exists.ravel() for _, _, exists in self._edge_blocks()])
-        kept: npt.NDArray[Any] = array.reshape(-1)[exists]
-        return kept
-
-    def window_to_edges(self, planes: FloatArray) -> FloatArray:
-        """A function on the edges as one plane per offset, (K, *shape, m), in the order of :meth:`to_graph`."""
-        K, n = len(self.offsets), self.n_vertices
-        flat = planes.reshape(K, n, planes.shape[-1])
-        values = [flat[:, u].transpose(1, 0, 2)[exists] for u, _, exists in self._edge_blocks()]
-        return np.concatenate(values)
-
-    def edges_to_window(self, values: FloatArray) -> FloatArray:
-        """A function on the edges, (n_edges, m), as one plane per offset with 0 where an edge leaves grid or mask."""
-        K, n, m = len(self.offsets), self.n_vertices, values.shape[1]
-        planes = np.zeros((K, n, m), values.dtype)
-        begin = 0
-        for u, _, exists in self._edge_blocks():
-            table = np.zeros((*exists.shape, m), values.dtype)
-            count = int(exists.sum())
-            table[exists] = values[begin : begin + count]
-            planes[:, u] = table.transpose(1, 0, 2)
-            begin += count
-        return planes.reshape(K, *self.shape, m)
-
-    def edges_to_half(self, values: npt.ArrayLike) -> FloatArray:
-        """One weight per directed edge, as (n_edges,) or (*shape, K), checked and stored once per pair.
-
-        Raises
-        ------
-        ValueError
-            Another shape, a negative or non-finite weight, or two directions that differ.
-        """
-        H, n = self.half_window, self.n_vertices
-        array = self.flat_edges(values, "weights")
-        array = check_weights(array, (self.n_edges,), "one per directed edge in the order of to_graph()")
-        half = np.zeros((H, n), array.dtype)
-        begin = 0
-        for u, _, exists in self._edge_blocks():
-            table = np.zeros(exists.shape, array.dtype)
-            count = int(exists.sum())
-            table[exists] = array[begin : begin + count]
-            half[:, u] = table[:, H:].T
-            begin += count
-        if not np.array_equal(self.half_to_edges(half.reshape(H, *self.shape)), array):
-            raise ValueError("weights must be the same in both directions of an edge; symmetrise them first")
-        return half.reshape(H, *self.shape)
-
-
-AnyGraph = Graph | GridGraph

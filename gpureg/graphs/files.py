@@ -9,22 +9,22 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import io
-import math
-import numbers
 import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .graph import SYMMETRIZE_MENDS, Graph, GridGraph, Symmetrize, check_symmetrize
-from .io import PictureError, write_atomically
+from ..arrays import FloatArray
+from ..files.pictures import PictureError, write_atomically
+from .csr import Graph
+from .edges import Symmetrize, check_symmetrize
+from .grid import check_stored
 
 FORMATS = (".mtx", ".mtx.gz", ".npz")
 
@@ -194,7 +194,7 @@ def write_graph(path: str | os.PathLike[str], graph: Graph) -> None:
         The file cannot be written.
     """
     kind = _format(path)
-    _check_graph("write_graph", graph)
+    check_stored("write_graph", graph)
     write: Callable[[BinaryIO], None] = _write_npz(graph) if kind == ".npz" else _write_mtx(graph, kind == ".mtx.gz")
 
     def into(temporary: Path) -> None:
@@ -206,13 +206,6 @@ def write_graph(path: str | os.PathLike[str], graph: Graph) -> None:
         write_atomically(path, into)
     except PictureError as error:  # a graph is no picture
         raise OSError(str(error)) from None
-
-
-def _check_graph(name: str, graph: Any) -> None:
-    if isinstance(graph, GridGraph):
-        raise TypeError(f"{name} takes a Graph, got a GridGraph: give grid.to_graph()")
-    if not isinstance(graph, Graph):
-        raise TypeError(f"{name} takes a Graph, got {type(graph).__name__}")
 
 
 def _write_npz(graph: Graph) -> Callable[[BinaryIO], None]:
@@ -241,144 +234,3 @@ def _write_mtx(graph: Graph, packed: bool) -> Callable[[BinaryIO], None]:
         file.write(gzip.compress(data, mtime=0) if packed else data)
 
     return write
-
-
-def _networkx() -> Any:
-    try:
-        import networkx
-    except ImportError as error:
-        raise ImportError("networkx is not installed: pip install gpureg[networkx]") from error
-    return networkx
-
-
-def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetrize | None = None) -> Graph:
-    """Graph from a networkx graph of any class; vertex i is the i-th of ``list(g.nodes)``.
-
-    Parameters
-    ----------
-    g : networkx.Graph, DiGraph, MultiGraph or MultiDiGraph
-        Where all nodes have an attribute "pos", these become the positions.
-    weight : str or None, default "weight"
-        Edge attribute that holds the weights. An edge without it counts 1; where none has it, or for None, the graph
-        is without weights.
-    symmetrize : {"max", "mean", "mutual"}, optional
-        What becomes of directed and parallel edges, as in :meth:`Graph.from_edges`; an edge of an undirected graph
-        leads both ways. None refuses parallel edges, and directed ones whose opposite is missing or weighs something
-        else.
-
-    Raises
-    ------
-    ImportError
-        networkx is not installed.
-    TypeError
-        Something other than a networkx graph, a weight that is no real number.
-    ValueError
-        Self-loops, weights that are negative or not finite, positions of different lengths; directed and parallel
-        edges without `symmetrize`.
-
-    Examples
-    --------
-    >>> import networkx as nx
-    >>> from_networkx(nx.path_graph(["a", "b", "c"]))
-    Graph(3 vertices, 2 undirected edges, unweighted)
-    >>> from_networkx(nx.DiGraph([("a", "b"), ("b", "c")]), symmetrize="max")
-    Graph(3 vertices, 2 undirected edges, unweighted)
-    """
-    nx = _networkx()
-    check_symmetrize(symmetrize)
-    if not isinstance(g, nx.Graph):  # the base of all four classes
-        raise TypeError(f"from_networkx takes a networkx graph, got {type(g).__name__}")
-    number = {node: i for i, node in enumerate(g.nodes)}
-    if not number:
-        raise ValueError("a graph needs at least one vertex, this networkx graph has no nodes")
-    ends, values, weighted = [], [], False
-    for u, v, attributes in g.edges(data=True):
-        if u == v:
-            raise ValueError(
-                f"self-loops are not allowed, node {u!r} has one: g.remove_edges_from(list(nx.selfloop_edges(g)))"
-            )
-        value = 1 if weight is None else attributes.get(weight, 1)
-        if not isinstance(value, numbers.Real | np.bool_):
-            raise TypeError(f"weights must be real numbers, {weight!r} of edge ({u!r}, {v!r}) is {value!r}")
-        if not 0 <= float(value) < math.inf:
-            raise ValueError(f"weights must be finite and >= 0, {weight!r} of edge ({u!r}, {v!r}) is {value!r}")
-        weighted |= weight is not None and weight in attributes
-        ends.append((u, v))
-        values.append(float(value))
-    if symmetrize is None:
-        _refuse_unmatched(ends, values, g.is_directed())
-    edges = np.array([(number[u], number[v]) for u, v in ends], np.int64).reshape(-1, 2)
-    weights = np.array(values) if weighted else None
-    if not g.is_directed() and symmetrize is not None:
-        edges = np.concatenate([edges, edges[:, ::-1]])
-        weights = None if weights is None else np.concatenate([weights, weights])
-    # Directed edges that passed the check above come in equal pairs: "max" makes one of two.
-    how = "max" if symmetrize is None and g.is_directed() else symmetrize
-    return Graph.from_edges(edges, weights, n_vertices=len(number), positions=_node_positions(g.nodes), symmetrize=how)
-
-
-def _refuse_unmatched(ends: list[tuple[Any, Any]], values: list[float], directed: bool) -> None:
-    """Refuse parallel edges, and directed ones without an equal in the other direction, by the names of the nodes."""
-    known: dict[tuple[Any, Any], float] = {}
-    for (u, v), value in zip(ends, values, strict=True):
-        if (u, v) in known or (not directed and (v, u) in known):
-            raise ValueError(f"each edge may be given once, ({u!r}, {v!r}) is repeated: {SYMMETRIZE_MENDS}")
-        known[u, v] = value
-    if not directed:
-        return
-    for (u, v), value in known.items():
-        if (v, u) not in known:
-            raise ValueError(
-                f"every edge must lead both ways: ({u!r}, {v!r}) is there but ({v!r}, {u!r}) is not: {SYMMETRIZE_MENDS}"
-            )
-        if value != known[v, u]:
-            raise ValueError(
-                f"weights must be the same in both directions, edge ({u!r}, {v!r}) has {value} one way and "
-                f"{known[v, u]} the other: {SYMMETRIZE_MENDS}"
-            )
-
-
-def _node_positions(nodes: Mapping[Any, Mapping[str, Any]]) -> FloatArray | None:
-    if not all("pos" in attributes for attributes in nodes.values()):
-        return None
-    try:
-        positions = np.array([attributes["pos"] for attributes in nodes.values()], np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError('the node attribute "pos" must hold as many numbers for every node') from error
-    if positions.ndim != 2:
-        raise ValueError(f'the node attribute "pos" must hold one row of numbers, got shape {positions.shape[1:]}')
-    return positions
-
-
-def to_networkx(graph: Graph) -> Any:
-    """The graph as an undirected ``networkx.Graph`` with the nodes 0..n-1.
-
-    Weights become the edge attribute "weight" (none where the graph has none), positions the node attribute "pos", a
-    tuple. All numbers are Python's.
-
-    Raises
-    ------
-    ImportError
-        networkx is not installed.
-    TypeError
-        Something other than a Graph; of a GridGraph, give ``grid.to_graph()``.
-
-    Examples
-    --------
-    >>> to_networkx(Graph.from_edges([[0, 1], [1, 2]], [1.0, 0.5])).edges(data="weight")
-    EdgeDataView([(0, 1, 1.0), (1, 2, 0.5)])
-    """
-    nx = _networkx()
-    _check_graph("to_networkx", graph)
-    g = nx.Graph()
-    g.add_nodes_from(range(graph.n_vertices))
-    if graph.positions is not None:
-        nx.set_node_attributes(g, dict(enumerate(map(tuple, graph.positions.tolist()))), "pos")
-    rows = graph.edge_rows()
-    forward = rows < graph.indices
-    ends = rows[forward].tolist(), graph.indices[forward].tolist()
-    if graph.weights is None:
-        g.add_edges_from(zip(*ends, strict=True))
-    else:
-        g.add_weighted_edges_from(zip(*ends, graph.weights[forward].tolist(), strict=True))
-    return g

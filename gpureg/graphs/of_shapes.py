@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, checked_faces, checked_points
-from .graph import Graph
+from ..arrays import FloatArray, IntArray, checked_faces, checked_points
+from .csr import Graph
 
 Across = Literal["edge", "vertex"]
 
@@ -171,111 +171,6 @@ def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
         raise ValueError(f"{'a closed' if closed else 'an open'} curve needs at least {least} points, got {n}")
     start = np.arange(n if closed else n - 1)
     return Graph.from_edges(np.stack([start, (start + 1) % n], axis=1), n_vertices=n, positions=positions)
-
-
-def knn_graph(
-    points: npt.ArrayLike, k: int, *, symmetrize: Literal["max", "mutual"] = "max", reach: float = np.inf
-) -> Graph:
-    """Join every point to its k nearest (a kd-tree finds them).
-
-    Parameters
-    ----------
-    points : (n, d) float array
-        Points, or features of any number of dimensions.
-    k : int
-        Neighbours that each point chooses, at least 1; all others, where there are fewer.
-    symmetrize : {"max", "mutual"}, default "max"
-        An edge where either of two points chose the other, or where both did.
-    reach : float, default infinity
-        No edge is longer than this.
-
-    Returns
-    -------
-    Graph
-        Without weights, with the points as positions. Points that coincide are neighbours like any others.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Coordinates that are not finite, a `k` or `reach` out of its range.
-
-    Examples
-    --------
-    >>> import gpureg as gr
-    >>> gr.knn_graph([[0.0], [1.0], [3.0], [7.0]], 1).to_scipy().toarray().astype(int)
-    array([[0, 1, 0, 0],
-           [1, 0, 1, 0],
-           [0, 1, 0, 1],
-           [0, 0, 1, 0]])
-    """
-    positions = checked_points(points)
-    if isinstance(k, bool) or not isinstance(k, int | np.integer):
-        raise TypeError(f"k must be an integer, got {k!r}")
-    if k < 1:
-        raise ValueError(f"k must be at least 1 neighbour, got {k}")
-    if symmetrize not in ("max", "mutual"):
-        raise ValueError(
-            f'symmetrize must be "max" (either chose the other) or "mutual" (both did), got {symmetrize!r}'
-        )
-    n = len(positions)
-    most = min(int(k), n - 1)
-    if most == 0:
-        return Graph.from_edges([], n_vertices=n, positions=positions)
-    # The point itself is among its nearest, though not always the first where others coincide with it.
-    distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=_reach(reach))
-    rows = np.repeat(np.arange(n), most + 1)
-    chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
-    # Where it is not even there, for so many coincide, the furthest is left out in its place.
-    chosen &= (np.cumsum(chosen.reshape(n, most + 1), axis=1) <= most).ravel()
-    edges = np.stack([rows[chosen], near.ravel()[chosen]], axis=1)
-    if not len(edges):
-        return Graph.from_edges([], n_vertices=n, positions=positions)
-    return Graph.from_edges(edges, n_vertices=n, positions=positions, symmetrize=symmetrize)
-
-
-def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
-    """Join all points at most `radius` apart.
-
-    Parameters
-    ----------
-    points : (n, d) float array
-    radius : float
-        > 0, in the units of the points.
-
-    Returns
-    -------
-    Graph
-        Without weights, with the points as positions.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Coordinates that are not finite, a radius that is not > 0.
-
-    Examples
-    --------
-    >>> import gpureg as gr
-    >>> gr.radius_graph([[0.0], [1.0], [3.0]], 1.5)
-    Graph(3 vertices, 1 undirected edges, unweighted)
-    """
-    positions = checked_points(points)
-    pairs = _tree(positions).query_pairs(_reach(radius, "radius"), output_type="ndarray")
-    return Graph.from_edges(pairs, n_vertices=len(positions), positions=positions)
-
-
-def _tree(positions: FloatArray) -> Any:
-    from scipy.spatial import cKDTree
-
-    # Unbalanced trees are built several times as fast, and found as fast in.
-    return cKDTree(positions, balanced_tree=False)
-
-
-def _reach(length: float, name: str = "reach") -> float:
-    if isinstance(length, bool) or not isinstance(length, int | float | np.integer | np.floating):
-        raise TypeError(f"{name} must be a number, got {length!r}")
-    if not length > 0:
-        raise ValueError(f"{name} must be > 0, got {length}")
-    return float(length)
 
 
 def ring_graph(graph: Graph, rings: int) -> Graph:

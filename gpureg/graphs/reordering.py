@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import IntArray
-from .graph import Graph
+from ..arrays import IntArray
+from .csr import Graph
 
 __all__ = ["reordered"]
 

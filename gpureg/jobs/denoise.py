@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import plot
-from .image import run_plan
-from .io import Picture, PictureError, check_destination, read_picture, write_picture
-from .layout import beside, inside_of, layout_of
-from .progress import progress_bar
-from .report import number, report_of
-from .settings import Settings, expect_fitting, plan_of
+from .. import plot
+from ..files.pictures import Picture, PictureError, check_destination, read_picture, write_picture
+from ..image import run_plan
+from ..layout import beside, inside_of, layout_of
+from ..progress import progress_bar
+from ..report import number, report_of
+from ..settings import Settings, expect_fitting, plan_of
 
 
 def denoise_file(

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
-from ..io import write_atomically
+from ..files.pictures import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

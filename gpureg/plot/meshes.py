@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
-from ..mesh_noise import vertex_normals
 from ..metrics import is_watertight, volume
-from ..surface import Surface, face_normals, face_vectors, surface_of
+from ..shapes.surface import Surface, face_normals, face_vectors, surface_of, vertex_normals
 from .camera import PANEL, Axis, camera_of, panels_of
 from .canvas import Path_, check_path, finish
 

@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
-from ..graph import Graph, GridGraph, Metric
+from ..graphs.csr import Graph
+from ..graphs.edges import Metric
+from ..graphs.grid import GridGraph
 from ..problem import DeviceProblem, Problem
 from ..tiles import Tile, halo, part_problem
 from ..weights import Weights

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
-from ..point_cloud import cloud_of
+from ..shapes.cloud import cloud_of
 from .camera import PANEL, Axis, camera_of, panels_of
 from .canvas import Path_, check_path, finish
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import FloatArray, checked_points
+from ..arrays import FloatArray, checked_points
 
 KINDS = "an array (n, d), or a cloud of trimesh, PyVista or Open3D"
 

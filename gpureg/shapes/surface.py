@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, checked_faces, checked_points
-from .build import face_edges
+from ..arrays import FloatArray, IntArray, checked_faces, checked_points
+from ..graphs.of_shapes import face_edges
 
 # What makes a mesh of its kind of vertices, faces, and where the vertices come from: vertex i from number `kept[i]`.
 Maker = Callable[[FloatArray, IntArray, IntArray], Any]
@@ -195,3 +195,16 @@ def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
     border = np.zeros(n_vertices, bool)
     border[unique[count == 1].ravel()] = True
     return border
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
+    from scipy import sparse
+
+    corners = faces.ravel()
+    at = (corners, np.repeat(np.arange(len(faces)), 3))
+    gather = sparse.csr_array((np.ones(len(corners)), at), shape=(len(vertices), len(faces)))
+    sums: FloatArray = gather @ face_vectors(vertices, faces)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    normals: FloatArray = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
+    return normals

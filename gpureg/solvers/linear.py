@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array
-from ..graph import GridGraph
+from ..graphs.grid import GridGraph
 from ..problem import DeviceProblem
 from .loop import Method
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..backends import Array, Conductance
 from ..checks import check_settings
-from ..graph import GridGraph
+from ..graphs.grid import GridGraph
 from ..problem import DeviceProblem, Problem
 from ..result import Stop
 from .loop import Course, Solver

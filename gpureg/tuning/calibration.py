@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..noise import estimate_noise
+from ..noise.white import estimate_noise
 from .risk import Denoiser, j_invariance, sure
 
 Method = Literal["sure", "j-invariance"]

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graph import Graph, GridGraph
+from ..graphs.csr import Graph
+from ..graphs.grid import GridGraph
 from ..paths import SETTINGS as _SERIES
 from ..paths import Series
 from ..problem import as_function

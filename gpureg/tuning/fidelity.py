@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ..noise import gradient_to_noise
+from ..noise.white import gradient_to_noise
 from .discrepancy import explained, match
 from .risk import Inside, Values, j_invariance, sure
 

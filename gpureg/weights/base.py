@@ -14,7 +14,9 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend, PatchForm, Storage, Weighted
 from ..checks import positive
-from ..graph import AnyGraph, Graph, GridGraph, check_weights
+from ..graphs.csr import Graph
+from ..graphs.edges import check_weights
+from ..graphs.grid import AnyGraph, GridGraph
 
 
 class Weights(ABC):

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces
-from ..graph import AnyGraph, Graph
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph
 from .base import EdgeWeights
 
 # The cotangent of the smallest angle that counts, 0.06 degrees: a triangle without area would make it infinite.

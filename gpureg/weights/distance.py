@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend, Weighted
 from ..checks import positive
-from ..graph import AnyGraph, Graph, GridGraph
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
 from .base import EdgeWeights, Weights, rows_of
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..backends import Backend, Weighted
 from ..checks import positive
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 from .base import PatchWeights, Weights, rows_of
 
 # Brightness and two opponent colours, orthonormal but for the share of the colours, which have less detail than noise.

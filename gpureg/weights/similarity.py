@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..backends import PatchForm, Storage
 from ..checks import positive, share
-from ..graph import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter
 from .distance import nearness
 from .guide import Compared

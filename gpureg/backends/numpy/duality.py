@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ..duality import BALL_ROUNDINGS
 from ..types import Array, Conductance, Weighted
 from .edges import NumpyGraph, raised

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
-from ...graph import AnyGraph, GridGraph, opposite_edges
+from ...graphs.edges import opposite_edges
+from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import padded_shape
 from ..protocol import Backend
 from ..types import Array, Conductance, EdgeNorm, Weighted, host_weights

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...graph import AnyGraph, GridGraph, opposite_edges
+from ...graphs.edges import opposite_edges
+from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import PatchForm, over_patches, padded_for_patches, patch_jumps
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, EdgeNorm, Storage, Weighted, expect_storage, expect_stored

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import IntArray
-from ...graph import AnyGraph, Graph
+from ...graphs.csr import Graph
+from ...graphs.grid import AnyGraph
 from ..zones import Distances, Labels, Lengths, Zones, forward_jumps
 
 

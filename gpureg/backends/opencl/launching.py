@@ -20,7 +20,8 @@ import pyopencl as cl
 
 from ... import kernels
 from ...arrays import FloatArray
-from ...graph import AnyGraph, Graph, GridGraph
+from ...graphs.csr import Graph
+from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import PatchForm
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, EdgeNorm, Weighted, host_weights

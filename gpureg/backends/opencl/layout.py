@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
-from ...graph import Graph, GridGraph, opposite_edges
+from ...graphs.csr import Graph
+from ...graphs.edges import opposite_edges
+from ...graphs.grid import GridGraph
 from ..types import Kept
 
 Buffer = Any

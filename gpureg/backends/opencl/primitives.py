@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from ...arrays import FloatArray
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Storage, Weighted, expect_storage, expect_stored

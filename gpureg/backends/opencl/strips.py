@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...graph import GridGraph
+from ...graphs.grid import GridGraph
 from ..patches import PatchForm, reflected
 from .layout import Upload, round_up
 

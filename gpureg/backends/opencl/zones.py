@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
 from .launching import OpenCLGraph
 from .layout import CsrLayout, round_up

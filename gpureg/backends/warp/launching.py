@@ -21,7 +21,7 @@ import numpy.typing as npt
 import warp as wp
 
 from ...arrays import FloatArray
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, EdgeNorm, Weighted, host_weights

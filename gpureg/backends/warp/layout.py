@@ -12,7 +12,9 @@ import numpy.typing as npt
 import warp as wp
 
 from ...arrays import FloatArray
-from ...graph import Graph, GridGraph, opposite_edges
+from ...graphs.csr import Graph
+from ...graphs.edges import opposite_edges
+from ...graphs.grid import GridGraph
 from ...kernels.warp import csr, grid
 from ..types import Array, Kept
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import warp as wp
 
 from ...arrays import FloatArray, IntArray
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import (
     adjoint,
     aggregate,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...graph import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import influence_zones
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
 from .launching import WarpGraph

@@ -1,0 +1,1 @@
+"""Picture files and text tables; this room knows no graph."""

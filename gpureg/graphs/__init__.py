@@ -1,0 +1,1 @@
+"""Weighted graphs: how they are stored, made, read and written."""

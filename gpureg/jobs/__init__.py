@@ -1,0 +1,1 @@
+"""One file in, one file out: what each command of the command line does."""

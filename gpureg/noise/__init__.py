@@ -1,0 +1,1 @@
+"""How much noise there is: in pictures, on graphs; and what fidelity fits it."""

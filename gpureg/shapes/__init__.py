@@ -1,0 +1,1 @@
+"""Meshes and point clouds of any library as arrays, and back."""
