@@ -19,17 +19,16 @@ from .graphs.of_shapes import curve_graph, face_graph, mesh_graph, ring_graph
 from .graphs.reordering import reordered
 from .image import denoise_image, run_plan
 from .inpaint import inpaint_image
-from .labels import propagate_labels
-from .memory import memory_needed
 from .mesh import denoise_mesh
 from .mesh_io import MeshError, MeshFile, read_mesh, write_mesh
 from .mesh_noise import estimate_mesh_noise
 from .mesh_simplify import simplify_mesh
+from .model.memory import memory_needed
+from .model.result import Interrupted, Result, Stop
 from .nearest import patch_graph
 from .noise.photon import PhotonNoise, estimate_photon_noise
 from .noise.white import estimate_noise
 from .partition import energy_partition
-from .paths import Path, regularization_path
 from .plan import DenoisePlan
 from .planning import plan_denoising
 from .point_patches import patch_knn_graph, point_patches
@@ -38,8 +37,9 @@ from .points_io import PointsError, PointsFile, read_points, write_points
 from .region_graph import RegionGraph, region_graph
 from .region_values import region_values
 from .regions import Regions
-from .regularization import regularize
-from .result import Interrupted, Result, Stop
+from .regularization.labels import propagate_labels
+from .regularization.path import Path, regularization_path
+from .regularization.regularize import regularize
 from .segment import MeshSegmentation, segment_mesh
 from .simplify import simplify_image
 from .skeleton import Skeleton, simplify_skeleton, skeleton

@@ -14,8 +14,8 @@ from .arrays import FloatArray, IntArray
 from .graphs.csr import Graph
 from .graphs.edges import check_weights
 from .graphs.of_points import knn_graph
-from .pieces import Labels, Pieces, coarser, whole
 from .point_normals import nearest
+from .regularization.pieces import Labels, Pieces, coarser, whole
 from .shapes.cloud import cloud_of
 from .solvers import Solver
 from .solvers.loop import Callback

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from .arrays import FloatArray, checked_points
 from .graphs.csr import Graph
 from .graphs.of_shapes import curve_graph
+from .model.result import Result
 from .noise.graphs import noise_on_graph
-from .regularization import regularize
-from .result import Result
+from .regularization.regularize import regularize
 from .solvers import Certified, Solver
 from .solvers.loop import Callback
 from .weights import Weights

@@ -10,8 +10,8 @@ import numpy as np
 from . import metrics
 from ._version import __version__
 from .arrays import FloatArray, IntArray
+from .model.result import Result
 from .report import number
-from .result import Result
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from .arrays import FloatArray, IntArray
 from .curve import Curves, curves_of
 from .graphs.csr import Graph
-from .regularization import regularize
-from .result import Result
+from .model.result import Result
+from .regularization.regularize import regularize
 from .solvers import Solver
 from .solvers.loop import Callback
 from .weights import Weights

@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from . import backends
 from .graphs.edges import Metric
-from .memory import budget
+from .model.memory import budget
+from .model.result import Interrupted, Result, Stop
 from .pixels import as_image, checked, pixels_of
 from .plan import DenoisePlan, solve, without_averaging
 from .planning import plan_denoising
-from .result import Interrupted, Result, Stop
 from .solvers import Solver
 from .solvers.loop import Callback
 from .tuning.fidelity import LamMethod

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from .arrays import FloatArray
 from .graphs.edges import Metric
 from .graphs.grid import GridGraph
-from .harmonic import harmonic
+from .model.problem import default_eps
+from .model.result import Interrupted
 from .pixels import checked, filled
-from .problem import default_eps
-from .regularization import regularize
-from .result import Interrupted
+from .regularization.harmonic import harmonic
+from .regularization.regularize import regularize
 from .solvers import Solver
 from .weights import Bilateral, Constant, Patch, Weights
 
@@ -99,9 +99,9 @@ def inpaint_image(
     Notes
     -----
     One call of :func:`gpureg.regularize` (eq. 19, 20) with lam infinite at known pixels and 0 at missing ones. It
-    starts at the solution of p = 2 (:mod:`gpureg.harmonic`), and sees no more of the image than what the missing
-    pixels can depend on. Texture is not invented: p-Laplacian fills are smooth; patch weights carry it over from
-    places that look alike.
+    starts at the solution of p = 2 (:mod:`gpureg.regularization.harmonic`), and sees no more of the image than what
+    the missing pixels can depend on. Texture is not invented: p-Laplacian fills are smooth; patch weights carry it
+    over from places that look alike.
 
     Examples
     --------

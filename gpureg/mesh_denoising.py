@@ -16,11 +16,11 @@ from .checks import check_size
 from .graphs.csr import Graph
 from .graphs.of_shapes import adjacent_faces, mesh_graph
 from .mesh_noise import noise_along_normals, noise_of_normals
+from .model.result import Result
 from .noise.fidelity import fidelity_to_normals, fidelity_to_values
 from .noise.graphs import noise_on_graph
 from .normals import fitted_vertices, regularized_normals
-from .regularization import regularize
-from .result import Result
+from .regularization.regularize import regularize
 from .shapes.surface import Surface, border_vertices, face_normals
 from .solvers import Jacobi
 from .weights import Weights, cotangent

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from .arrays import FloatArray, IntArray
 from .collapse import Collapses
 from .graphs.of_shapes import mesh_graph
-from .regularization import regularize
-from .result import Result
+from .model.result import Result
+from .regularization.regularize import regularize
 from .shapes.surface import Surface, surface_of, vertex_normals
 from .solvers import Solver
 from .solvers.loop import Callback

@@ -17,8 +17,8 @@ from .graphs.csr import Graph
 from .graphs.edges import Metric
 from .graphs.grid import GridGraph
 from .graphs.grid_parts import part_of
+from .model.problem import as_function
 from .pixels import checked, filled, guided_by
-from .problem import as_function
 from .weights import Patch, Weights, patch, patch_weights
 
 # Distances that are looked at together: a window around so many pixels.

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray
 from .graphs.of_shapes import face_graph
-from .regularization import regularize
-from .result import Result
+from .model.result import Result
+from .regularization.regularize import regularize
 from .shapes.surface import face_normals
 from .weights import Weights, bilateral, guided
 

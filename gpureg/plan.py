@@ -12,15 +12,14 @@ import numpy.typing as npt
 
 from .graphs.edges import Metric
 from .graphs.grid import GridGraph
+from .model.problem import as_function, default_eps
+from .model.result import Result
 from .nearest import nearest_patches
 from .pixels import filled, guided_by
-from .problem import as_function, default_eps
-from .regularization import regularize
-from .result import Result
+from .regularization.one_sweep import OneStep, one_sweep
+from .regularization.regularize import regularize
 from .solvers import Jacobi, Solver, resolve
 from .solvers.loop import Callback
-from .sweep import one_sweep
-from .tiles import OneStep
 from .tuning.explanation import table
 from .weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights, patch_weights
 

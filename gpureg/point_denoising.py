@@ -14,6 +14,7 @@ from .arrays import FloatArray, checked_flags, checked_values
 from .checks import check_size
 from .graphs.csr import Graph
 from .graphs.of_points import knn_graph
+from .model.result import Result
 from .noise.fidelity import fidelity_to_normals, fidelity_to_values
 from .noise.graphs import noise_on_graph
 from .point_normals import (
@@ -26,8 +27,7 @@ from .point_normals import (
     spacing_of,
     tilt,
 )
-from .regularization import regularize
-from .result import Result
+from .regularization.regularize import regularize
 from .weights import Weights, bilateral, guided
 
 PointFilter = Literal["normals", "positions"]

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from .arrays import FloatArray
 from .backends.zones import Labels
+from .model.result import Interrupted, Result
 from .pixels import as_image
 from .region_graph import RegionGraph, region_graph
 from .region_values import Model, region_values
-from .regularization import regularize
-from .result import Interrupted, Result
+from .regularization.regularize import regularize
 from .weights import Weights, patch
 
 WeightKind = Literal["similarity", "constant", "border"]

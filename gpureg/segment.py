@@ -13,8 +13,8 @@ import numpy.typing as npt
 from .arrays import FloatArray, IntArray, checked_values
 from .graphs.csr import Graph
 from .graphs.of_shapes import face_graph
-from .pieces import Labels, coarser, whole
-from .result import Result
+from .model.result import Result
+from .regularization.pieces import Labels, coarser, whole
 from .shapes.surface import face_normals, face_vectors, surface_of
 from .solvers import Solver
 from .solvers.loop import Callback

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from . import backends, weights
 from .graphs.edges import Metric
 from .image import run_plan
+from .model.problem import Norm
 from .noise.white import estimate_noise
 from .plan import AveragePatches, Centre, DenoisePlan
 from .planning import plan_denoising
-from .problem import Norm
 from .solvers import Jacobi, Solver
 from .tuning.fidelity import LamMethod
 from .weights import Weights

@@ -16,7 +16,7 @@ from .files.picture import Tags
 from .files.pictures import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
 from .graphs.edges import Metric
 from .layout import Layout, beside, inside_of, layout_of
-from .problem import Norm
+from .model.problem import Norm
 from .progress import progress_bar
 from .region_values import Model
 from .regions import Regions, WeightKind

@@ -12,9 +12,10 @@ import pytest
 from numpy.testing import assert_allclose
 from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
 
-from gpureg import backends, tiles
+from gpureg import backends
 from gpureg.backends import BackendUnavailable
 from gpureg.graphs.grid import GridGraph
+from gpureg.regularization import tiled as tiles
 
 # graph, channels, radius of the patch, dtype
 CASES = (

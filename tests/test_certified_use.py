@@ -11,8 +11,7 @@ import pytest
 from test_certified import ORACLE, fidelity, noisy, ring, solve
 
 import gpureg as gr
-from gpureg import multigrid
-from gpureg.solvers import Solver
+from gpureg.solvers import Solver, multigrid
 from gpureg.solvers.dual import Dual
 
 GRID = gr.GridGraph((24, 20), 1, "cityblock")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg import pieces
 from gpureg.cluster import _joins, edge_weights
+from gpureg.regularization import pieces
 
 RNG = np.random.default_rng(3)
 CENTRES = np.array([[0, 0], [9, 0], [0, 9], [9, 9]])

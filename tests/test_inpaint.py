@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from skimage import data, metrics, restoration
 
 import gpureg as gr
-from gpureg import harmonic
+from gpureg.regularization import harmonic
 
 
 def holes(shape: tuple[int, ...], seed: int = 3) -> np.ndarray:

@@ -139,7 +139,7 @@ def test_sparse_and_dense_solvers_agree(monkeypatch: pytest.MonkeyPatch, radius:
     """ARPACK finds what the dense solver does, equal eigenvalues (a square's) as often as they come."""
     grid = gr.GridGraph((18, 18), radius)
     dense = spectral.eigenpairs(grid, 20)
-    monkeypatch.setattr("gpureg.spectral._DENSE", 0)
+    monkeypatch.setattr("gpureg.spectral.spectrum._DENSE", 0)
     few = spectral.eigenpairs(grid, 20)
     assert_allclose(few.values, dense.values, atol=1e-10)
     f0 = cases.function(grid)

@@ -7,9 +7,13 @@ import pytest
 from cases import function, graph, irregular, rng
 
 import gpureg as gr
-from gpureg import backends, memory, regularization, sweep
-from gpureg import tiles as cutting
+from gpureg import backends
 from gpureg.backends import PatchForm
+from gpureg.model import memory
+from gpureg.regularization import one_sweep as sweep
+from gpureg.regularization import regularize as regularization
+from gpureg.regularization import tiled as cutting
+from gpureg.regularization import tiling as tiling_room
 
 SHAPE = (67, 53)
 BILATERAL = gr.weights.bilateral(2.0, 0.4)
@@ -29,7 +33,7 @@ def room(shape: tuple[int, ...], channels: int, settings: dict, device: str, **g
 def pieces(monkeypatch: pytest.MonkeyPatch) -> list:
     """The tilings that were chosen."""
     found: list = []
-    tiling = cutting.tiling
+    tiling = tiling_room.tiling
     for room in (regularization, sweep):
         monkeypatch.setattr(room, "tiling", lambda *a: found.append(tiling(*a)) or found[-1])
     return found
@@ -189,7 +193,7 @@ def test_backends_tell_the_sizes_of_their_arrays(device: str, monkeypatch: pytes
 
 
 def test_halo_and_tiles() -> None:
-    blocks = cutting.cut((100, 50), (30, 50), (4, 4), (32, 1))
+    blocks = tiling_room.cut((100, 50), (30, 50), (4, 4), (32, 1))
     assert [tile.own[0] for tile in blocks] == [slice(a, a + 25) for a in (0, 25, 50, 75)]
     assert [tile.wide[0] for tile in blocks] == [slice(0, 29), slice(0, 54), slice(32, 79), slice(64, 100)]
     assert all(tile.wide[1] == slice(0, 50) for tile in blocks)

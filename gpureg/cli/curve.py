@@ -12,7 +12,7 @@ import click
 from ..curve_file import CURVE_WEIGHTS, CurveSettings, curve_file
 from ..curve_report import as_lines
 from ..curve_simplify import FUNCTIONS
-from ..problem import NORMS
+from ..model.problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE

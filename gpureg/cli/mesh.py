@@ -12,7 +12,7 @@ import click
 from ..mesh_denoising import FILTERS
 from ..mesh_file import WEIGHTS, MeshSettings, mesh_file
 from ..mesh_report import as_lines
-from ..problem import NORMS
+from ..model.problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE

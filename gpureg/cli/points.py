@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
+from ..model.problem import NORMS
 from ..point_denoising import POINT_FILTERS
 from ..points_file import POINT_WEIGHTS, PointsSettings, points_file
 from ..points_report import as_lines
-from ..problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE

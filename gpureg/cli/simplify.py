@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from ..files.picture import checked_axes
-from ..problem import NORMS
+from ..model.problem import NORMS
 from ..region_graph import METRICS
 from ..region_values import MODELS
 from ..regions import WEIGHTS

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..plot.canvas import new_figure
-from ..regularization import regularize
+from ..regularization.regularize import regularize
 from ..weights import bilateral
 from .inputs import Inputs
 from .levelling import DEGREES, GRAPHS, ITERATIONS, SIDES, WEIGHTS, Run, count, grid_of, numbers, runs

@@ -9,7 +9,7 @@ import numpy as np
 from ..graphs.grid import GridGraph
 from ..image import denoise_image
 from ..noise.white import estimate_noise
-from ..regularization import regularize
+from ..regularization.regularize import regularize
 from ..weights import Weights, patch
 from .inputs import Inputs
 from .sheet import Drawn, Panel, caption, pictures, psnr

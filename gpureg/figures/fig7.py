@@ -11,9 +11,9 @@ from .. import metrics
 from ..arrays import FloatArray
 from ..curve_simplify import simplify_curve
 from ..graphs.of_shapes import curve_graph
-from ..pieces import met
 from ..plot.canvas import new_figure
-from ..regularization import regularize
+from ..regularization.pieces import met
+from ..regularization.regularize import regularize
 from .inputs import Inputs
 from .sheet import Drawn, caption, share, write_below
 

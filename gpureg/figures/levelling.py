@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graphs.grid import GridGraph
-from ..regularization import regularize
-from ..result import Result
+from ..model.result import Result
+from ..regularization.regularize import regularize
 from ..weights import Weights, bilateral, patch
 from .inputs import Inputs
 

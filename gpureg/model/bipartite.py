@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .graphs.csr import Graph
-from .graphs.grid import AnyGraph, GridGraph
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
 
 Ends = tuple[IntArray, IntArray]
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrays import FloatArray, IntArray
-from .backends import Array
-from .graphs.csr import Graph
-from .graphs.grid import GridGraph
-from .problem import DeviceProblem
+from ..arrays import FloatArray, IntArray
+from ..backends import Array
+from ..graphs.csr import Graph
+from ..graphs.grid import GridGraph
+from .on_device import DeviceProblem
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .backends import Backend
-from .graphs.csr import Graph
-from .graphs.grid import AnyGraph, GridGraph
-from .weights import Constant, Weights, patch_weights
+from .. import backends
+from ..backends import Backend
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
+from ..weights import Constant, Weights, patch_weights
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..result import Result
+from ..model.result import Result
 from .canvas import Path_, check_path, finish, new_figure
 
 if TYPE_CHECKING:

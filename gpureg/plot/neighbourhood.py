@@ -14,8 +14,9 @@ from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
 from ..graphs.edges import Metric
 from ..graphs.grid import GridGraph
-from ..problem import DeviceProblem, Problem
-from ..tiles import Tile, halo, part_problem
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..regularization.tiling import Tile, halo, part_problem
 from ..weights import Weights
 from .canvas import (
     Path_,

@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray
-from .assembly import undirected_edges
-from .graphs.grid import AnyGraph, GridGraph
-from .multigrid import cycle, is_there
-from .problem import (
-    DeviceProblem,
-    Problem,
-)
-from .weights import Weights
+from .. import backends
+from ..arrays import FloatArray
+from ..graphs.grid import AnyGraph, GridGraph
+from ..model.matrices import undirected_edges
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..solvers.multigrid import cycle, is_there
+from ..weights import Weights
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

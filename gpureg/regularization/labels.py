@@ -7,13 +7,13 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, unmasked
-from .graphs.csr import Graph
-from .graphs.grid import AnyGraph, GridGraph
+from ..arrays import FloatArray, IntArray, unmasked
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
+from ..solvers import Solver
+from ..weights import Weights
 from .harmonic import harmonic
-from .regularization import regularize
-from .solvers import Solver
-from .weights import Weights
+from .regularize import regularize
 
 
 @overload

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .backends import Backend
-from .graphs.grid import GridGraph
-from .memory import Budget, Job, budget
-from .problem import Problem
-from .progress import progress_bar
-from .regularization import as_given
-from .result import Result, Stop
-from .tiles import OneStep, Tile, Tiling, step_in_tiles, tiling, work_of
-from .weights import Weights
+from .. import backends
+from ..arrays import FloatArray, all_finite
+from ..backends import Backend, Weighted, over_patches
+from ..graphs.grid import GridGraph
+from ..model.memory import Budget, Job, budget
+from ..model.problem import Problem
+from ..model.result import Result, Stop
+from ..progress import progress_bar
+from ..solvers.loop import expect_finite
+from ..weights import PatchWeights, Weights, patch_weights
+from .regularize import as_given
+from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
 
 # Bytes of a tile of a sweep that stores no weights.
 _STEP_BYTES = 1 << 29
@@ -104,3 +108,114 @@ def _tiles_of_a_step(
             if limit == allowed.total:
                 raise
     raise AssertionError("the last limit is what is allowed")
+
+
+@dataclass(frozen=True)
+class OneStep:
+    """What one sweep at p = 2 with patch weights does besides the book.
+
+    Attributes
+    ----------
+    largest : bool
+        lam counts in units of the largest weight around each vertex.
+    averaged : int or None
+        Radius of the patches whose estimates are averaged, each patch being estimated as a whole; None estimates each
+        vertex by its own patch alone.
+    by_weight : bool
+        Whether a patch's estimate counts by the sum of the weights it was made with, instead of as one.
+    """
+
+    largest: bool = False
+    averaged: int | None = None
+    by_weight: bool = False
+
+    def fuses(self, backend: Backend, grid: GridGraph) -> bool:
+        """Whether averaged patches are a step whose weights are not stored: averaging patches is averaging weights."""
+        return self.by_weight and not self.largest and backend.averages and grid.ndim == 2
+
+    def halo(self, problem: Problem) -> tuple[int, ...]:
+        """Cells along each axis from which data reach a vertex."""
+        return tuple(cells + (self.averaged or 0) for cells in halo(problem, 1))
+
+
+def step_in_tiles(
+    problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
+) -> FloatArray:
+    """One sweep at p = 2 of patch weights, which are kept for a tile at most, (n, m)."""
+    grid = problem.graph
+    assert isinstance(grid, GridGraph)
+    value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
+    for i, tile in enumerate(tiles.tiles):
+        part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
+        kept = without_halo(part.graph, _step(part, backend, step), tile)
+        if not all_finite(kept):
+            expect_finite(backend, 1, math.nan)
+        value.reshape(*grid.shape, -1)[tile.own] = kept
+        report(i + 1, len(tiles.tiles))
+    return value
+
+
+def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
+    grid, found = part.graph, patch_weights(part.weights)
+    assert isinstance(grid, GridGraph) and found is not None
+    function: PatchWeights
+    function, guided = found
+    f = part.f0.astype(backend.dtype, copy=False)
+    guide = None if guided is None else guided.of(grid, f).astype(backend.dtype, copy=False)
+    form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
+    if step.averaged is not None and step.fuses(backend, grid):
+        form = replace(form, average=step.averaged)
+        data, counted = backend.put(grid, f), backend.put(grid, _per_patch(grid, part.lam, step.averaged))
+        return backend.get(grid, backend.similarity_step(grid, f, form, data, counted, guide=guide))
+    if step.averaged is not None:
+        weighted = backend.patch_distance(grid, f if guide is None else guide, form)
+        return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
+    lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
+    on_device = backend.put(grid, f)
+    return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
+
+
+def _per_patch(grid: GridGraph, lam: float | FloatArray, radius: int) -> FloatArray:
+    """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
+    inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
+    count = over_patches(inside, radius)
+    every = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1), (grid.n_vertices,))
+    finite = np.where(np.isinf(every), 0, every) * count.ravel()
+    counted: FloatArray = np.where(np.isinf(every), every, finite)[:, None]
+    return counted
+
+
+def _averaged(
+    grid: GridGraph,
+    backend: Backend,
+    weighted: Weighted,
+    f: FloatArray,
+    lam: float | FloatArray,
+    step: OneStep,
+    radius: int,
+) -> FloatArray:
+    """Every vertex' mean over the estimates of all patches that cover it (``aggregate``).
+
+    The patch around u is estimated as the mean of the patches around its neighbours v with the weights w(u, v), and of
+    its own with lam/2 (at p = 2 a neighbour counts 2 w).
+    """
+    inside = np.ones((grid.n_vertices, 1)) if grid.mask is None else grid.mask.reshape(-1, 1).astype(np.float64)
+    fidelity = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), inside.shape)
+    pinned = np.isinf(fidelity)
+    centre = np.where(pinned, 0, fidelity) / 2
+    if step.largest:
+        centre = centre * backend.get(grid, backend.largest_weight(weighted))
+    if step.by_weight:
+        share, centre = inside, centre * inside
+    else:
+        total = centre + backend.get(grid, backend.degree(weighted))
+        # a vertex without weights is its own estimate, as one that is pinned
+        alone = ~(total > np.finfo(backend.dtype).tiny * 1e8) | pinned
+        share = np.divide(1.0, total, out=np.zeros_like(total), where=~alone)
+        centre = np.where(alone, 1.0, centre * share) * inside
+    F = np.concatenate([np.where(inside > 0, f, 0), inside], axis=1)
+    values, shares, centres = (backend.put(grid, x) for x in (F, share, centre))
+    sums = backend.get(grid, backend.aggregate(weighted, values, shares, centres, radius))
+    weight = sums[:, -1:]
+    known = (weight > 0) & ~pinned & (inside > 0)
+    return np.divide(sums[:, :-1], weight, out=f.copy(), where=known)

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .graphs.csr import Graph
-from .graphs.grid import GridGraph
-from .memory import budget
-from .problem import DeviceProblem, Problem
-from .regularization import as_run, regularize, result_of, tiles_of
-from .result import Result
-from .solvers import Solver, resolve, run
+from .. import backends
+from ..graphs.csr import Graph
+from ..graphs.grid import GridGraph
+from ..model.memory import budget
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..model.result import Result
+from ..solvers import Solver, resolve, run
+from .regularize import as_run, regularize, result_of, tiles_of
 
 # Those of `regularize` that a series of runs shares.
 SETTINGS = frozenset(

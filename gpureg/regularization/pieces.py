@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .graphs.csr import Graph
-from .regularization import regularize
-from .result import Result
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..model.result import Result
+from .regularize import regularize
 
 Labels = npt.NDArray[np.int32]
 

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray
-from .backends import Backend
-from .graphs.csr import Graph
-from .graphs.grid import GridGraph
-from .memory import Budget, Job, budget, readable
-from .problem import DeviceProblem, Problem, as_function
-from .progress import progress_bar
-from .result import Interrupted, Result, Stop
-from .solvers import Jacobi, Solver, resolve, run
-from .solvers.loop import Callback, Outcome
-from .tiles import Tiling, halo, run_in_tiles, tiling, why_whole, work_of
-from .weights import Weights
+from .. import backends
+from ..arrays import FloatArray
+from ..backends import Backend
+from ..graphs.csr import Graph
+from ..graphs.grid import GridGraph
+from ..model.memory import Budget, Job, budget, readable
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem, as_function
+from ..model.result import Interrupted, Result, Stop
+from ..progress import progress_bar
+from ..solvers import Jacobi, Solver, resolve, run
+from ..solvers.loop import Callback, Outcome
+from ..weights import Weights
+from .tiled import run_in_tiles, why_whole
+from .tiling import Tiling, halo, tiling, work_of
 
 
 def regularize(

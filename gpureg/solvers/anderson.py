@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array
-from ..problem import DeviceProblem
+from ..model.on_device import DeviceProblem
 
 # Differences kept, and iterates from a mix to the next. Measured on total variation of an image of 128 x 128 (eps 1e-3
 # of the range, to a distance of 1e-4; 1502 plain sweeps): a mix in each, with the differences of single sweeps, 184

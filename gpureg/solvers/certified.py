@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .. import multigrid
 from ..backends import Array
 from ..checks import check_settings
-from ..problem import DeviceProblem, Problem
-from ..result import Stop
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..model.result import Stop
+from . import multigrid
 from .dual import Dual, hidden
 from .linear import Linear
 from .loop import Course, Method, Solver

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..backends import Array
-from ..problem import DeviceProblem
+from ..model.on_device import DeviceProblem
 from .loop import Method
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Array
 from ..checks import check_settings
-from ..problem import DeviceProblem
+from ..model.on_device import DeviceProblem
 from .stopping import LOCAL, Process, Slope, Travel
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..backends import Array
 from ..checks import check_settings
-from ..problem import DeviceProblem, Problem
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
 from .stopping import LOCAL, Process, Slope, Travel
 

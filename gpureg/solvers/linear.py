@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Array
 from ..graphs.grid import GridGraph
-from ..problem import DeviceProblem
+from ..model.on_device import DeviceProblem
 from .loop import Method
 
 

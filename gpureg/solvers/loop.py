@@ -12,8 +12,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array, Backend
-from ..problem import DeviceProblem, Problem
-from ..result import Stop
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..model.result import Stop
 
 
 @dataclass

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrays import FloatArray
+from ..arrays import FloatArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

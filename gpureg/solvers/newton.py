@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import multigrid
 from ..arrays import FloatArray
-from ..assembly import Difference
 from ..backends import BALL_ROUNDINGS, Array
-from ..problem import DeviceProblem
+from ..model.matrices import Difference
+from ..model.on_device import DeviceProblem
+from . import multigrid
 from .dual import duality_gap
 from .loop import Method
 

@@ -12,8 +12,9 @@ import numpy as np
 from ..backends import Array, Conductance
 from ..checks import check_settings
 from ..graphs.grid import GridGraph
-from ..problem import DeviceProblem, Problem
-from ..result import Stop
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
+from ..model.result import Stop
 from .loop import Course, Solver
 
 TESTS = ("change", "error", "gradient", "energy")

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
-from ..paths import SETTINGS as _SERIES
-from ..paths import Series
-from ..problem import as_function
-from ..regularization import regularize
-from ..result import Result
+from ..model.problem import as_function
+from ..model.result import Result
+from ..regularization.path import SETTINGS as _SERIES
+from ..regularization.path import Series
+from ..regularization.regularize import regularize
 from ..solvers import resolve
 
 # How far from 1 the ratio may end; factor from the first lam at which the search gives up.

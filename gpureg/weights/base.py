@@ -173,3 +173,6 @@ def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False
 def part_of_parameter(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
     """A parameter for a part of the grid."""
     return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
+
+
+AnyWeights = Weights | npt.ArrayLike | None

@@ -1,0 +1,150 @@
+"""A problem on a device."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..backends import Array, Backend, Conductance, Weighted
+from ..weights import Weights
+from .bipartite import has_swinging_part
+from .problem import Gamma, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceProblem:
+    """A problem's arrays on a device: what a solver works on.
+
+    The forms of gamma that are a vertex's own factor, gamma_uv = sqrt(w) s(u), are a change of variable: g = s f turns
+    the problem into that of gamma = sqrt(w) with data s f0 and fidelity lam/s^2, eps and energy unchanged. So kernels
+    and solvers know sqrt(w) alone, and `scale` carries s, (n, 1), or None.
+    """
+
+    problem: Problem
+    backend: Backend
+    weighted: Weighted
+    f0: Array
+    lam: float | Array
+    scale: FloatArray | None
+
+    @classmethod
+    def put(cls, problem: Problem, backend: Backend, reference: FloatArray | None = None) -> DeviceProblem:
+        """Bring a problem onto a device, computing its weights there from `reference`, or from the data."""
+        graph = problem.graph
+        if not isinstance(problem.gamma, str):
+            weighted = backend.prepare_gamma(graph, problem.gamma)
+        elif isinstance(problem.weights, Weights):
+            weighted = problem.weights.prepare(backend, graph, problem.f0 if reference is None else reference)
+        else:
+            weighted = backend.prepare(graph, problem.weights)
+        scale = _vertex_scale(problem.gamma, backend, weighted)
+        f0 = problem.f0 if scale is None else problem.f0 * scale
+        return cls(problem, backend, weighted, backend.put(graph, f0), _put_lam(problem, backend, scale), scale)
+
+    def changed(self, problem: Problem) -> DeviceProblem:
+        """The same data, graph and weights with another p, lam or eps."""
+        return replace(self, problem=problem, lam=_put_lam(problem, self.backend, self.scale))
+
+    @property
+    def p(self) -> float:
+        """Degree of regularity."""
+        return self.problem.p
+
+    @property
+    def eps(self) -> float:
+        """Smoothing of the gradient norm."""
+        return self.problem.eps
+
+    @property
+    def coupled(self) -> bool:
+        """One gradient norm for all channels, or one each."""
+        return self.problem.coupled
+
+    @property
+    def edge_norm(self) -> bool:
+        """Whether the smoothness is that of eq. 30."""
+        return self.problem.norm == "edge"
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return int(self.problem.f0.shape[1])
+
+    def swings(self) -> bool:
+        """Whether a plain sweep can go on forever between two states (a part without data that is bipartite)."""
+        if np.min(self.problem.lam) > 0:  # before the weights come back from the device
+            return False
+        return has_swinging_part(self.problem.graph, self.host_gamma(), self.problem.lam)
+
+    def host_gamma(self) -> FloatArray | None:
+        """What says which edges are there: weights or, where they are given, values of gamma."""
+        if self.weighted.directed:
+            assert not isinstance(self.problem.gamma, str)
+            return self.problem.gamma
+        return self.backend.get_weights(self.weighted)
+
+    def scratch(self) -> Array | None:
+        """A function for the conductances, where a sweep needs one."""
+        if self.p == 2 or self.edge_norm:
+            return None
+        return self.backend.empty(self.weighted.graph, 1 if self.coupled else self.channels)
+
+    @property
+    def model(self) -> dict[str, Any]:
+        """What a primitive is told of the model: p, eps, coupled, edge_norm."""
+        return {"p": self.p, "eps": self.eps, "coupled": self.coupled, "edge_norm": self.edge_norm}
+
+    def conductances(self, f: Array, g: Array | None = None) -> Conductance:
+        """The conductances at a device function; `g` is scratch."""
+        return self.backend.conductances(self.weighted, f, g=g, **self.model)
+
+    def put_function(self, f: FloatArray) -> Array:
+        """A host function (n, m) in the problem's variable, on the device."""
+        return self.backend.put(self.weighted.graph, f if self.scale is None else f * self.scale)
+
+    def get_function(self, f: Array) -> FloatArray:
+        """A device function as the caller's f, (n, m)."""
+        host = self.backend.get(self.weighted.graph, f)
+        return host if self.scale is None else (host / self.scale).astype(host.dtype)
+
+    def change(self, a: Array, b: Array) -> float:
+        """Largest absolute difference of two device functions as the caller's f; infinity if there is a NaN."""
+        if self.scale is None:
+            return self.backend.max_change(self.weighted, a, b)
+        # The device holds s f. Read back at a check only, and only for these gammas.
+        difference = self.get_function(a).astype(np.float64) - self.get_function(b)
+        largest = float(np.abs(difference).max())
+        return largest if math.isfinite(largest) else math.inf
+
+    def energy(self, f: Array) -> float:
+        """The eps-smoothed energy of a device function."""
+        return self.backend.energy(self.weighted, f, self.f0, self.lam, **self.model)
+
+    def duality_gap(self, f: Array, y: Array) -> float:
+        """The energy of a device function minus the dual energy of one on the edges, as the device computes it."""
+        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, **self.model)
+
+
+def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:
+    """The fidelity in the device's variable."""
+    lam = problem.lam
+    if scale is not None:
+        lam = np.broadcast_to(np.asarray(lam, np.float64), (len(scale),)) / scale[:, 0] ** 2
+    return lam if isinstance(lam, float) else backend.put(problem.graph, lam[:, None])
+
+
+def _vertex_scale(gamma: Gamma | FloatArray, backend: Backend, weighted: Weighted) -> FloatArray | None:
+    """The factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1); 1 at a vertex without weight. None where there is none."""
+    if not isinstance(gamma, str) or gamma == "sqrt":
+        return None
+    n = weighted.graph.n_vertices
+    if gamma == "combinatorial":
+        return np.full((n, 1), math.sqrt(0.5))
+    degree = backend.get(weighted.graph, backend.degree(weighted)).astype(np.float64)
+    factor = 2.0 if gamma == "normalized" else 1.0
+    scale: FloatArray = 1 / np.sqrt(np.where(degree > 0, factor * degree, 1))
+    return scale

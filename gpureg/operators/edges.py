@@ -1,0 +1,166 @@
+"""Operators between functions on the vertices and functions on the edges (section 2.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
+from ..weights.base import AnyWeights
+from .on_device import bare, put_function
+
+
+def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
+    """A function on the edges as (n_edges, m), after checking it."""
+    array = np.asarray(H)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"H must hold real numbers, got {array.dtype}")
+    if array.ndim not in (1, 2) or len(array) != graph.n_edges or (array.ndim == 2 and not array.shape[1]):
+        raise ValueError(
+            f"H must have shape ({graph.n_edges},) or ({graph.n_edges}, m), one row per directed edge, "
+            f"got {array.shape}"
+        )
+    table: FloatArray = array.reshape(graph.n_edges, array.shape[1] if array.ndim == 2 else 1).astype(np.float64)
+    if not np.isfinite(table).all():
+        raise ValueError(f"H must be finite, got {table[~np.isfinite(table)][0]}")
+    return table
+
+
+def difference(
+    f: npt.ArrayLike,
+    graph: AnyGraph,
+    *,
+    weights: AnyWeights = None,
+    gamma: str | npt.ArrayLike = "sqrt",
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+) -> FloatArray:
+    """Weighted difference d_w f (eq. 4), a function on the edges.
+
+    d_w(f)(u, v) = gamma(v, u) f(v) - gamma(u, v) f(u).
+
+    Returns
+    -------
+    (n_edges,) or (n_edges, m) array
+        One row per directed edge; (n_edges,) where `f` has no axis of channels.
+
+    Raises
+    ------
+    ValueError, TypeError, BackendUnavailable
+        As :func:`gpureg.regularize`.
+
+    Examples
+    --------
+    >>> difference([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    array([ 3., -3.,  0.,  0.], dtype=float32)
+    """
+    settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
+    on, function = put_function(f, graph, 2.0, 0.0, True, settings)
+    host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
+    if isinstance(graph, GridGraph):
+        host = graph.window_to_edges(host)
+    return host[:, 0] if np.shape(f) in bare(graph) else host
+
+
+def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **settings: Any) -> FloatArray:
+    """Derivative of f at u along the edges (u, v) (eq. 5): the difference d_w(f)(u, v) at these edges.
+
+    Parameters
+    ----------
+    edges : (k, 2) int array
+        Pairs (u, v) of adjacent vertices.
+    **settings
+        As :func:`difference`.
+
+    Returns
+    -------
+    (k,) or (k, m) array
+
+    Raises
+    ------
+    ValueError, TypeError
+        A pair that is no edge; otherwise as :func:`difference`.
+
+    Examples
+    --------
+    >>> edge_derivative([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), [[1, 0]], backend="numpy")
+    array([-3.], dtype=float32)
+    """
+    pairs = np.asarray(edges)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        raise ValueError(f"edges must be integers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}")
+    n = graph.n_vertices
+    stored = graph.to_graph() if isinstance(graph, GridGraph) else graph
+    u, v = pairs.astype(np.int64).T
+    inside = (pairs >= 0).all(axis=1) & (pairs < n).all(axis=1)
+    # rows are sorted: an edge's number u n + v is found by bisection
+    numbers = stored.edge_rows() * n + stored.indices
+    at = np.minimum(np.searchsorted(numbers, u * n + v), max(len(numbers) - 1, 0))
+    found = inside & (numbers[at] == u * n + v) if len(numbers) else np.zeros(len(pairs), bool)
+    if not found.all():
+        raise ValueError(f"{tuple(pairs[~found][0].tolist())} is no edge of the graph")
+    derivative: FloatArray = difference(f, graph, **settings)[at]
+    return derivative
+
+
+def adjoint(
+    H: npt.ArrayLike,
+    graph: AnyGraph,
+    *,
+    weights: AnyWeights = None,
+    gamma: str | npt.ArrayLike = "sqrt",
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+) -> FloatArray:
+    """Adjoint of the difference, of a function on the edges (eq. 7, Proposition 1).
+
+    d_w*(H)(u) = sum_v gamma(u, v) (H(v, u) - H(u, v)), so that <d_w f, H> = <f, d_w* H> for every f (eq. 6).
+
+    Parameters
+    ----------
+    H : (n_edges,) or (n_edges, m) array
+        One row per directed edge.
+    weights : Weights or array, optional
+        As :func:`gpureg.regularize`; a weight function must not look at data, for there is none here.
+
+    Returns
+    -------
+    (n,) or (n, m) array
+
+    Raises
+    ------
+    ValueError, TypeError, BackendUnavailable
+        As :func:`gpureg.regularize`.
+
+    Examples
+    --------
+    >>> adjoint([1.0, 0.0, 0.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    array([-1.,  1.,  0.], dtype=float32)
+    """
+    if not isinstance(graph, Graph | GridGraph):
+        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    table = _edge_function(graph, H)
+    settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
+    on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
+    planes = graph.edges_to_window(table) if isinstance(graph, GridGraph) else table
+    host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
+    if on.scale is not None:
+        host = (host * on.scale).astype(host.dtype)
+    return host[:, 0] if np.ndim(H) == 1 else host
+
+
+def divergence(H: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
+    """Divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
+
+    It sums to 0 over the vertices where gamma is symmetric (Property 1).
+
+    Examples
+    --------
+    >>> divergence([1.0, 0.0, 0.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    array([ 1., -1.,  0.], dtype=float32)
+    """
+    return 0 - adjoint(H, graph, **settings)

@@ -1,0 +1,1 @@
+"""Regularization of a function on any graph, whole or in tiles."""

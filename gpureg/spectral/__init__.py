@@ -1,0 +1,22 @@
+"""Diffusion and spectrum (section 4.1 of the paper): the Markov matrix of the process, and its eigenvectors.
+
+A sweep of the Gauss-Jacobi process is f+ = phi_uu f0 + sum_v phi_uv f(v) (eq. 26). Without data, with gamma = sqrt(w),
+it is a step of a random walk, f+ = P f (eq. 27), and for p = 2 P = D^-1 W does not depend on f (eq. 28). P is symmetric
+in the inner product <f, h>_delta = sum_u delta(u) f(u) h(u), delta being the degree, and not in the Euclidean one; its
+eigenvalues lie in [-1, 1].
+"""
+
+from __future__ import annotations
+
+from .markov import AveragingFilter, averaging_filter, diffuse, markov_matrix
+from .spectrum import Eigenpairs, eigenpairs, spectral_filter
+
+__all__ = [
+    "AveragingFilter",
+    "Eigenpairs",
+    "averaging_filter",
+    "diffuse",
+    "eigenpairs",
+    "markov_matrix",
+    "spectral_filter",
+]

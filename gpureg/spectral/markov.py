@@ -1,0 +1,197 @@
+"""The Markov matrix of a graph, and p = 2 without data as an iterated averaging filter (section 4)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import backends
+from ..arrays import FloatArray
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
+from ..model.on_device import DeviceProblem
+from ..model.problem import Problem, as_function
+from ..weights import Bilateral, Patch
+
+if TYPE_CHECKING:
+    from scipy import sparse
+from ..weights.base import AnyWeights
+
+
+class AveragingFilter(NamedTuple):
+    """One sweep as an average (eq. 26): f+ = data f0 + neighbours f.
+
+    Attributes
+    ----------
+    data : (n,) array
+        phi_uu, the share of the data.
+    neighbours : (n, n) csr_array
+        phi_uv, the shares of the neighbours. With `data`, rows sum to 1.
+    """
+
+    data: FloatArray
+    neighbours: sparse.csr_array
+
+
+def stored_weights(
+    graph: AnyGraph, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
+) -> tuple[Graph, FloatArray, FloatArray | None, Problem]:
+    """The graph as CSR, its weights one per directed edge, the conductances g (n,) or None, and the problem."""
+    if not isinstance(graph, Graph | GridGraph):
+        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    if f is None and isinstance(weights, Bilateral | Patch):
+        raise ValueError("these weights are computed from data: give f, the function they compare")
+    if f is None and p != 2:
+        raise ValueError(f"the matrix depends on f for p = {p:g}: give f (for p = 2 it does not)")
+    data = np.zeros(graph.n_vertices) if f is None else f
+    kind = np.dtype(np.float64)
+    problem = Problem.make(
+        data, graph, p=p, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
+    )
+    on = DeviceProblem.put(problem, backends.get("numpy", kind))
+    values = on.backend.get_weights(on.weighted)
+    if isinstance(graph, GridGraph):
+        half = graph.unit_half_weights() if values is None else values
+        stored, values = graph.to_graph(), graph.half_to_edges(half)
+    else:
+        stored = graph
+        values = np.ones(graph.n_edges) if values is None else values
+    g = on.conductances(on.put_function(problem.f0))
+    return stored, values.astype(np.float64), None if g is None else np.asarray(g)[:, 0], problem
+
+
+def averaging_filter(
+    graph: AnyGraph,
+    f: npt.ArrayLike | None = None,
+    *,
+    p: float = 2.0,
+    lam: float | npt.ArrayLike = 1.0,
+    eps: float | None = None,
+    weights: AnyWeights = None,
+) -> AveragingFilter:
+    """Coefficients of the averaging form of a sweep at f (eq. 26), for gamma = sqrt(w).
+
+    phi_uv = alpha_uv / (lam + sum_v alpha_uv) and phi_uu = lam / (lam + sum_v alpha_uv), with alpha of eq. 25.
+
+    Parameters
+    ----------
+    graph : Graph or GridGraph
+    f : array, optional
+        Where the conductances are taken, in any shape of :func:`gpureg.regularize`; channels share them. Not needed for
+        p = 2, unless weights are computed from it.
+    p, lam, eps, weights
+        As :func:`gpureg.regularize`.
+
+    Returns
+    -------
+    AveragingFilter
+        ``data`` (n,) and ``neighbours`` (n, n): the next iterate is ``data * f0 + neighbours @ f``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        p other than 2, or weights computed from data, without f; otherwise as :func:`gpureg.regularize`.
+
+    Examples
+    --------
+    >>> filter = averaging_filter(Graph.from_edges([[0, 1], [1, 2]]), lam=2.0)
+    >>> filter.data, filter.neighbours.toarray()
+    (array([0.5       , 0.33333333, 0.5       ]), array([[0.        , 0.5       , 0.        ],
+           [0.33333333, 0.        , 0.33333333],
+           [0.        , 0.5       , 0.        ]]))
+    """
+    from scipy import sparse
+
+    stored, w, g, problem = stored_weights(graph, f, weights, p, lam, eps)
+    rows, n = stored.edge_rows(), stored.n_vertices
+    alpha = 2 * w if g is None else w * (g[rows] + g[stored.indices])
+    total = np.bincount(rows, alpha, minlength=n)
+    fidelity = np.broadcast_to(np.asarray(problem.lam, np.float64), (n,))
+    # pinned, or nothing around: the data stays, as the sweep has it
+    keeps = np.isinf(fidelity) | ~(np.where(np.isinf(fidelity), 0, fidelity) + total > 1e-290)
+    denominator = np.where(keeps, 1, fidelity + total)
+    share = np.where(keeps[rows], 0, alpha / denominator[rows])
+    neighbours = sparse.csr_array((share, stored.indices, stored.indptr), shape=(n, n), copy=True)
+    return AveragingFilter(np.where(keeps, 1, fidelity / denominator), neighbours)
+
+
+def markov_matrix(
+    graph: AnyGraph,
+    f: npt.ArrayLike | None = None,
+    *,
+    p: float = 2.0,
+    eps: float | None = None,
+    weights: AnyWeights = None,
+) -> sparse.csr_array:
+    """Markov matrix P of the process without data (eq. 27): P(u, v) = phi_uv, rows sum to 1.
+
+    For p = 2 it is D^-1 W; for other p it depends on `f`. A vertex without weight stays where it is, P(u, u) = 1. Its
+    powers are P^t: ``scipy.sparse.linalg.matrix_power(P, t)``, or :func:`diffuse` for their action.
+
+    Parameters
+    ----------
+    graph, f, p, eps, weights
+        As :func:`averaging_filter`.
+
+    Returns
+    -------
+    (n, n) csr_array
+
+    Raises
+    ------
+    ValueError, TypeError
+        As :func:`averaging_filter`.
+
+    Examples
+    --------
+    >>> markov_matrix(Graph.from_edges([[0, 1], [1, 2]])).toarray()
+    array([[0. , 1. , 0. ],
+           [0.5, 0. , 0.5],
+           [0. , 1. , 0. ]])
+    """
+    from scipy import sparse
+
+    found = averaging_filter(graph, f, p=p, lam=0.0, eps=eps, weights=weights)
+    alone = np.flatnonzero(found.data)
+    if not len(alone):
+        return found.neighbours
+    n = len(found.data)
+    return sparse.csr_array(found.neighbours + sparse.csr_array((np.ones(len(alone)), (alone, alone)), shape=(n, n)))
+
+
+def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights = None) -> FloatArray:
+    """P^t f0 (eq. 28): t plain sweeps with p = 2 and lam = 0, in float64.
+
+    Parameters
+    ----------
+    f0 : array
+        (n,) or (n, m), on a grid also its shape with or without channels. Weight functions are computed from it.
+    t : int
+        Steps >= 0.
+
+    Returns
+    -------
+    array
+        In the shape of `f0`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A negative t; otherwise as :func:`averaging_filter`.
+
+    Examples
+    --------
+    >>> diffuse([0.0, 4.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), 1)
+    array([4., 0., 4.])
+    """
+    if isinstance(t, bool) or not isinstance(t, int | np.integer):
+        raise TypeError(f"t must be an integer, got {t!r}")
+    if t < 0:
+        raise ValueError(f"t must be >= 0, got {t}")
+    P = markov_matrix(graph, f0, weights=weights)
+    f: FloatArray = as_function(graph, f0, "f0").astype(np.float64)
+    for _ in range(t):
+        f = P @ f
+    return f.reshape(np.shape(f0))
