@@ -9,7 +9,6 @@ from .cluster import cluster_points
 from .curve import denoise_curve
 from .curve_io import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
 from .curve_simplify import simplify_curve
-from .filters import denoise_bilateral, denoise_nl_means, denoise_tv
 from .graphs.csr import Graph
 from .graphs.files import read_graph, write_graph
 from .graphs.grid import GridGraph
@@ -17,20 +16,24 @@ from .graphs.networkx import from_networkx, to_networkx
 from .graphs.of_points import knn_graph, radius_graph
 from .graphs.of_shapes import curve_graph, face_graph, mesh_graph, ring_graph
 from .graphs.reordering import reordered
-from .image import denoise_image, run_plan
-from .inpaint import inpaint_image
+from .images.bilateral import denoise_bilateral
+from .images.choose import plan_denoising
+from .images.denoise import denoise_image
+from .images.inpaint import inpaint_image
+from .images.nl_means import denoise_nl_means
+from .images.patch_graph import patch_graph
+from .images.plan import DenoisePlan
+from .images.run import run_plan
+from .images.total_variation import denoise_tv
 from .mesh import denoise_mesh
 from .mesh_io import MeshError, MeshFile, read_mesh, write_mesh
 from .mesh_noise import estimate_mesh_noise
 from .mesh_simplify import simplify_mesh
 from .model.memory import memory_needed
 from .model.result import Interrupted, Result, Stop
-from .nearest import patch_graph
 from .noise.photon import PhotonNoise, estimate_photon_noise
 from .noise.white import estimate_noise
 from .partition import energy_partition
-from .plan import DenoisePlan
-from .planning import plan_denoising
 from .point_patches import patch_knn_graph, point_patches
 from .points import denoise_points, estimate_point_noise
 from .points_io import PointsError, PointsFile, read_points, write_points

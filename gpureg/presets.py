@@ -1,4 +1,4 @@
-"""Other libraries' filters, to their rounding: the same names of parameters, computed by :mod:`gpureg.filters`.
+"""Other libraries' filters, to their rounding: the same names of parameters, computed by :mod:`gpureg.images.one_step`.
 
 A way to move here from OpenCV, scikit-image or gputools, and a check of both sides. How near each comes is said in its
 Notes and held by ``tests/test_presets.py``. Where a peer's mapping has to be known in other terms: with the paper's w1
@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .filters import denoise_bilateral, denoise_nl_means
-from .pixels import checked
+from .images.bilateral import denoise_bilateral
+from .images.nl_means import denoise_nl_means
+from .images.raster import checked
 
 __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
 

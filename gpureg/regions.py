@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from .arrays import FloatArray
 from .backends.zones import Labels
+from .images.raster import as_image
 from .model.result import Interrupted, Result
-from .pixels import as_image
 from .region_graph import RegionGraph, region_graph
 from .region_values import Model, region_values
 from .regularization.regularize import regularize

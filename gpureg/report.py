@@ -11,8 +11,8 @@ import numpy as np
 
 from ._version import __version__
 from .files.pictures import Picture
+from .images.plan import DenoisePlan
 from .model.result import Result
-from .plan import DenoisePlan
 
 _WHITE = {"uint8": " of 255", "uint16": " of 65535"}
 

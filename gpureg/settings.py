@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from . import backends, weights
 from .graphs.edges import Metric
-from .image import run_plan
+from .images.choose import plan_denoising
+from .images.plan import AveragePatches, Centre, DenoisePlan
+from .images.run import run_plan
 from .model.problem import Norm
 from .noise.white import estimate_noise
-from .plan import AveragePatches, Centre, DenoisePlan
-from .planning import plan_denoising
 from .solvers import Jacobi, Solver
 from .tuning.fidelity import LamMethod
 from .weights import Weights
@@ -60,7 +60,7 @@ class Settings:
     explain: bool = False
 
     def run(self) -> dict[str, Any]:
-        """What :func:`gpureg.image.run_plan` is told besides the plan and the picture."""
+        """What :func:`gpureg.images.run.run_plan` is told besides the plan and the picture."""
         # without the pixel itself a sweep at p = 2 is a plain mean, and no iteration that could swing
         plain = self.centre == "none" and self.solver == "jacobi"
         solver: str | Solver = Jacobi(damping=1) if plain else self.solver

@@ -14,8 +14,9 @@ from . import sources as found_sources
 from .backends.zones import Labels
 from .graphs.edges import Metric, checked_spacing
 from .graphs.grid import GridGraph
+from .images.guides import filled
+from .images.raster import checked
 from .partition import energy_partition
-from .pixels import checked, filled
 from .region_graph import region_graph
 from .region_values import MODELS, Model
 from .regions import Regions, WeightKind, models_of

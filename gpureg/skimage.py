@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import presets
-from .filters import denoise_bilateral as _bilateral
-from .filters import denoise_nl_means as _nl_means
-from .filters import denoise_tv as _tv
+from .images.bilateral import denoise_bilateral as _bilateral
+from .images.nl_means import denoise_nl_means as _nl_means
+from .images.total_variation import denoise_tv as _tv
 from .solvers import Check
 
 __all__ = ["denoise_bilateral", "denoise_nl_means", "denoise_tv_chambolle"]

@@ -26,7 +26,7 @@ from users import needs_users, no_root
 import gpureg
 from gpureg.cli import main
 from gpureg.files.pictures import Picture, read_picture, write_picture
-from gpureg.image import run_plan
+from gpureg.images.run import run_plan
 
 KEYS = {
     *("input", "output", "width", "height", "channels", "dtype", "alpha", "sigma", "sigma_estimated", "filter", "p"),

@@ -10,8 +10,11 @@ import pytest
 from cases import TOLERANCES, rng
 
 import gpureg as gr
-from gpureg import pixels, plan, planning
-from gpureg.noise import white as noise
+from gpureg.images import choose as planning
+from gpureg.images import guides as pixels
+from gpureg.images import run as running
+from gpureg.noise import blocks as noise_blocks
+from gpureg.noise import white
 
 
 def blocks(shape: tuple[int, ...] = (48, 64), size: int = 16) -> np.ndarray:
@@ -116,8 +119,8 @@ def test_a_plain_sweep_alone_goes_without_stored_weights(monkeypatch: pytest.Mon
     """Any other wish needs what the one step does not give, and runs as ever."""
     before = noisy(blocks((20, 24)), 20)
     calls = []
-    one_sweep = plan.one_sweep
-    monkeypatch.setattr(plan, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
+    one_sweep = running.one_sweep
+    monkeypatch.setattr(running, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
     call = {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "sigma": 20.0, "backend": "numpy"}
     for wish in ({}, {"lam": 0, "solver": gr.Jacobi(damping=1)}, {"dtype": "float64"}, {"solver": gr.Jacobi()}):
         gr.denoise_image(before, **{**call, **wish})
@@ -344,7 +347,7 @@ def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest
     scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
     before = noisy(scene, sigma).astype(np.float32)
     whole, contrast = gr.estimate_noise(before), pixels.contrast(before, None, None)
-    monkeypatch.setattr(noise, "LARGE", 1 << 20)
+    monkeypatch.setattr(white, "LARGE", 1 << 20)
     monkeypatch.setattr(pixels, "_BAND", 1 << 17)
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from test_filters import functions, picture
 
 import gpureg as gr
-from gpureg import nearest as door
+from gpureg.images import patch_graph as door
 
 pytestmark = pytest.mark.one_driver
 

@@ -11,7 +11,9 @@ from cases import rng
 from test_image import blocks, noisy, psnr
 
 import gpureg as gr
-from gpureg import pixels, planning
+from gpureg.images import choose as planning
+from gpureg.images import guides as pixels
+from gpureg.images import raster
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
 METHODS = ("discrepancy", "sure", "j-invariance")
@@ -85,7 +87,7 @@ def test_solving_a_plan_is_running_it() -> None:
     for settings in ({}, {"p": 1}, {"weights": gr.weights.bilateral(2.0, 60.0), "max_iter": 3}):
         plan = gr.plan_denoising(before, mask=mask, **settings)
         run = gr.run_plan(plan, before, mask=mask, **NUMPY).value
-        cells = pixels.pixels_of(before, None, "float64")
+        cells = raster.pixels_of(before, None, "float64")
         solved = planning.solve(plan, cells, mask, solver="jacobi", **NUMPY).value[..., 0]
         assert np.array_equal(run[mask], solved[mask])
 

@@ -10,8 +10,8 @@ import click
 import numpy as np
 
 from ..files.pictures import PictureError, check_destination
-from ..image import run_plan
-from ..planning import plan_denoising
+from ..images.choose import plan_denoising
+from ..images.run import run_plan
 from .group import sentences
 from .options import FILE, examples
 from .terminal import say

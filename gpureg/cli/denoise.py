@@ -13,10 +13,10 @@ import click
 from ..batch import Outcome, denoise_files, expand, is_pattern
 from ..files.picture import checked_axes
 from ..graphs.edges import METRICS
+from ..images.plan import CENTRES
 from ..jobs.denoise import denoise_file
 from ..model.memory import as_bytes
 from ..model.problem import NORMS
-from ..plan import CENTRES
 from ..report import as_lines
 from ..settings import AVERAGING, Settings, as_spacing
 from ..tuning.fidelity import LAM_METHODS

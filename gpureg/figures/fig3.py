@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..graphs.grid import GridGraph
-from ..image import denoise_image
+from ..images.denoise import denoise_image
 from ..noise.white import estimate_noise
 from ..regularization.regularize import regularize
 from ..weights import Weights, patch

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .graphs.edges import Metric
-from .graphs.grid import GridGraph
-from .noise.white import estimate_noise
-from .pixels import checked, contrast, for_a_guide, pixels_of
-from .plan import DenoisePlan, solve
-from .rule import nonlocal_rule
-from .solvers import Certified, Solver, resolve
-from .tuning.explanation import reasons_for
-from .tuning.fidelity import LAM_METHODS, LamMethod, choose_lam, lam_rule
-from .weights import Constant, Weights, constant, patch
+from ..graphs.edges import Metric
+from ..graphs.grid import GridGraph
+from ..noise.white import estimate_noise
+from ..solvers import Certified, Solver, resolve
+from ..tuning.explanation import reasons_for
+from ..tuning.fidelity import LAM_METHODS, LamMethod, choose_lam, lam_rule
+from ..weights import Constant, Weights, constant, patch
+from .guides import contrast, for_a_guide
+from .nonlocal_rule import nonlocal_rule
+from .plan import DenoisePlan
+from .raster import checked, pixels_of
+from .run import solve
 
 # The rule's lam for the edge norm, as a share of that for the vertex norm: on the camera picture at sigma 20 and p = 1
 # the best, on three photographs 0.5 to 0.7 were.
@@ -63,8 +65,8 @@ def plan_denoising(
     Notes
     -----
     The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 21 x 21 window, in a volume
-    5 x 5 x 5, whose weights compare a copy blurred by half a pixel: :func:`gpureg.rule.nonlocal_rule` says which. A map
-    of sigma makes maps of their h and sigma.
+    5 x 5 x 5, whose weights compare a copy blurred by half a pixel:
+    :func:`gpureg.images.nonlocal_rule.nonlocal_rule` says which. A map of sigma makes maps of their h and sigma.
 
     With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1: digital total variation) with
     lam = 2.2 G^(0.4 p^2) sigma^(p - 2), G the clean image's root mean square gradient over sigma, at least 0.3, taken

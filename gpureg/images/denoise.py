@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .graphs.edges import Metric
-from .model.memory import budget
-from .model.result import Interrupted, Result, Stop
-from .pixels import as_image, checked, pixels_of
-from .plan import DenoisePlan, solve, without_averaging
-from .planning import plan_denoising
-from .solvers import Solver
-from .solvers.loop import Callback
-from .tuning.fidelity import LamMethod
-from .weights import Weights
+from ..graphs.edges import Metric
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..tuning.fidelity import LamMethod
+from ..weights import Weights
+from .choose import plan_denoising
+from .run import run_plan, without_averaging
 
 # What of the model a search for lam does not know, as it is by default.
 _USUAL: dict[str, Any] = {"gamma": "sqrt", "coupled": True, "update_weights": None}
@@ -174,80 +166,3 @@ def denoise_image(
         memory=memory,
         **model,
     ).value
-
-
-def run_plan(
-    plan: DenoisePlan,
-    image: npt.ArrayLike,
-    *,
-    solver: str | Solver = "jacobi",
-    mask: npt.ArrayLike | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-    memory: int | None = None,
-    guide: npt.ArrayLike | None = None,
-    **model: Any,
-) -> Result:
-    """Carry out a plan; the parameters are those of :func:`denoise_image`, `model` those of :func:`gpureg.regularize`.
-
-    Returns
-    -------
-    Result
-        Its value is the image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch weights
-        computes these without storing them: it reports no energy, and an interruption leaves no iterate.
-    """
-    begin = time.perf_counter()
-    array = checked(image, channel_axis, mask)
-    if plan.max_iter == 0:
-        # Not through the device, whose float32 would round a float64 image.
-        device = backends.get(backend, np.float32 if dtype is None else dtype)
-        budget(device, memory)  # a wrong limit is one here too
-        name = repr(device)
-        none = np.empty(0, np.int64)
-        return Result(
-            value=array.copy(),
-            iterations=0,
-            stop=Stop.MAX_ITER,
-            energy=np.empty(0),
-            checks=none,
-            gap=None,
-            error_bound=None,
-            eps=0.0,
-            method="Nothing was to be done.",
-            backend=name,
-            seconds=time.perf_counter() - begin,
-        )
-    pixels = pixels_of(array, channel_axis, dtype)
-    inside = None if mask is None else np.asarray(mask)
-    with _converted(array, channel_axis, inside):
-        result = solve(
-            plan,
-            pixels,
-            inside,
-            solver=solver,
-            callback=callback,
-            guide=guide,
-            channel_axis=channel_axis,
-            model=model,
-            backend=backend,
-            dtype=pixels.dtype,
-            memory=memory,
-            progress=progress,
-        )
-    value = as_image(result.value, array, channel_axis, inside)
-    return replace(result, value=value, seconds=time.perf_counter() - begin)
-
-
-@contextmanager
-def _converted(
-    array: npt.NDArray[Any], channel_axis: int | None, inside: npt.NDArray[np.bool_] | None
-) -> Iterator[None]:
-    """Let the result of an interrupted run be an image too."""
-    try:
-        yield
-    except Interrupted as interruption:
-        value = as_image(interruption.result.value, array, channel_axis, inside)
-        raise Interrupted(replace(interruption.result, value=value)) from None

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .graphs.edges import Metric
-from .graphs.grid import GridGraph
-from .model.problem import default_eps
-from .model.result import Interrupted
-from .pixels import checked, filled
-from .regularization.harmonic import harmonic
-from .regularization.regularize import regularize
-from .solvers import Solver
-from .weights import Bilateral, Constant, Patch, Weights
+from ..arrays import FloatArray
+from ..graphs.edges import Metric
+from ..graphs.grid import GridGraph
+from ..model.problem import default_eps
+from ..model.result import Interrupted
+from ..regularization.harmonic import harmonic
+from ..regularization.regularize import regularize
+from ..solvers import Solver
+from ..weights import Bilateral, Constant, Patch, Weights
+from .guides import filled
+from .raster import checked
 
 Mask = npt.NDArray[np.bool_]
 

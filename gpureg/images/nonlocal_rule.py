@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .weights import OPPONENT, Weights, blur_norm, patch, smoothed
+from ..weights import OPPONENT, Weights, blur_norm, patch, smoothed
 
 # The noise beyond which the rule does not go on, in 255ths of the contrast.
 _LOUDEST = 60.0

@@ -10,16 +10,17 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray, IntArray
-from .backends import Backend
-from .graphs.csr import Graph
-from .graphs.edges import Metric
-from .graphs.grid import GridGraph
-from .graphs.grid_parts import part_of
-from .model.problem import as_function
-from .pixels import checked, filled, guided_by
-from .weights import Patch, Weights, patch, patch_weights
+from .. import backends
+from ..arrays import FloatArray, IntArray
+from ..backends import Backend
+from ..graphs.csr import Graph
+from ..graphs.edges import Metric
+from ..graphs.grid import GridGraph
+from ..graphs.grid_parts import part_of
+from ..model.problem import as_function
+from ..weights import Patch, Weights, patch, patch_weights
+from .guides import filled, guided_by
+from .raster import checked
 
 # Distances that are looked at together: a window around so many pixels.
 _TABLE = 1 << 24

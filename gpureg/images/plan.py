@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from .graphs.edges import Metric
-from .graphs.grid import GridGraph
-from .model.problem import as_function, default_eps
-from .model.result import Result
-from .nearest import nearest_patches
-from .pixels import filled, guided_by
-from .regularization.one_sweep import OneStep, one_sweep
-from .regularization.regularize import regularize
-from .solvers import Jacobi, Solver, resolve
-from .solvers.loop import Callback
-from .tuning.explanation import table
-from .weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights, patch_weights
+from ..graphs.edges import Metric
+from ..tuning.explanation import table
+from ..weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
@@ -158,81 +149,3 @@ class DenoisePlan:
         if self.eps is not None or self.p != 2:
             rows["eps"] = ("1e-3 of the range", "rule") if self.eps is None else (f"{self.eps:g}", "given")
         return table(rows)
-
-
-def solve(
-    plan: DenoisePlan,
-    pixels: npt.NDArray[Any],
-    inside: npt.NDArray[np.bool_] | None,
-    *,
-    solver: str | Solver = "jacobi",
-    callback: Callback | None = None,
-    guide: npt.ArrayLike | None = None,
-    channel_axis: int | None = None,
-    model: Mapping[str, Any] | None = None,
-    **settings: Any,
-) -> Result:
-    """Carry out a plan of one iteration or more on pixels (..., m).
-
-    `settings` are the backend, dtype, memory and progress of :func:`gpureg.regularize`, `model` what else it takes;
-    `channel_axis` is that of the guide. One sweep at p = 2 with weights that need not be stored takes the way that
-    stores none; patches are averaged after such a sweep alone.
-    """
-    grid = GridGraph(pixels.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
-    f0 = pixels if inside is None or inside.all() else filled(pixels, inside)
-    eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
-    weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
-    common: dict[str, Any] = {"lam": plan.lam, "eps": eps, "weights": weights, **settings}
-    process: dict[str, Any] = {"p": plan.p, "solver": solver, "max_iter": plan.max_iter, "tol": plan.tol}
-    process |= {"callback": callback, **(model or {})}
-    once = callback is None and _is_plain(model or {}) and _is_one_sweep(plan, solver)
-    if (plan.average_patches or plan.centre == "largest") and (plan.nearest is not None or not once):
-        what = "patches are averaged" if plan.average_patches else "a centre as heavy as the largest weight counts"
-        raise ValueError(
-            f"{what} in one plain sweep at p = 2 on a grid alone, without a callback, tol, another norm, gamma or "
-            "solver; dataclasses.replace(plan, average_patches=False, centre='once') leaves it out"
-        )
-    if plan.nearest is not None:
-        nodes = as_function(grid, f0, "image")
-        backend, dtype = settings.get("backend", "auto"), settings.get("dtype", np.float32)
-        graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=dtype)
-        result = regularize(nodes, graph, **common, **process)
-        return replace(result, value=result.value.reshape(f0.shape))
-    if once:
-        return one_sweep(f0, grid, step=_one_step(plan), **common)
-    return regularize(f0, grid, **common, **process)
-
-
-def without_averaging(
-    plan: DenoisePlan, *, solver: str | Solver, callback: Callback | None, model: Mapping[str, Any]
-) -> DenoisePlan:
-    """The plan, its averaging of patches left out where what else is asked for does not go with it."""
-    fits = callback is None and _is_plain(model) and _is_one_sweep(plan, solver)
-    return plan if fits or not plan.average_patches else replace(plan, average_patches=False)
-
-
-def _one_step(plan: DenoisePlan) -> OneStep:
-    """What the plan's one sweep does besides the book."""
-    found = patch_weights(plan.weights)
-    assert found is not None
-    averaged = found[0].reach if plan.average_radius is None else plan.average_radius
-    by_weight = plan.average_patches == "weighted"
-    return OneStep(plan.centre == "largest", averaged if plan.average_patches else None, by_weight)
-
-
-def _is_plain(model: Mapping[str, Any]) -> bool:
-    """Whether nothing of the model but what a plan says is other than by default (at p = 2 channels are alone)."""
-    gamma = model.get("gamma", "sqrt")
-    by_name = isinstance(gamma, str) and gamma == "sqrt"
-    return by_name and model.get("norm", "vertex") == "vertex" and model.get("update_weights") is None
-
-
-def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
-    """Whether :func:`one_sweep` does what the plan asks for: one sweep by the book, at p = 2, of patch weights."""
-    method = resolve(solver)
-    whole = isinstance(method, Jacobi) and method.damping in (None, 1)
-    # where data are missing the default may be damped
-    filters = bool(plan.average_patches) or plan.centre == "largest"
-    data = isinstance(method, Jacobi) and (method.damping == 1 or filters or bool(np.min(plan.lam) > 0))
-    once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
-    return once and whole and data and patch_weights(plan.weights) is not None

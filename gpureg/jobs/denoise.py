@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .. import plot
 from ..files.pictures import Picture, PictureError, check_destination, read_picture, write_picture
-from ..image import run_plan
+from ..images.run import run_plan
 from ..layout import beside, inside_of, layout_of
 from ..progress import progress_bar
 from ..report import number, report_of

@@ -1,0 +1,1 @@
+"""Images: denoising, filters, inpainting, graphs of patches."""

@@ -1,0 +1,164 @@
+"""The door of nonlocal means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..graphs.edges import Metric
+from ..noise.white import estimate_noise
+from ..weights import patch
+from .one_step import cell_sizes, cells_of, map_of, one_step
+from .plan import CENTRES, AveragePatches, Centre
+from .raster import checked
+
+
+def denoise_nl_means(
+    image: npt.ArrayLike,
+    *,
+    patch_radius: int = 2,
+    radius: float | None = None,
+    h: float | npt.ArrayLike | None = None,
+    a: float | None = None,
+    sigma: float | npt.ArrayLike = 0.0,
+    lam: float | npt.ArrayLike = 2.0,
+    centre: Centre = "once",
+    average_patches: AveragePatches = False,
+    average_radius: int | None = None,
+    cut: float = 0.0,
+    metric: Metric = "chebyshev",
+    border: str = "clip",
+    constant: float = 0.0,
+    guide: npt.ArrayLike | None = None,
+    mask: npt.ArrayLike | None = None,
+    spacing: Sequence[float] | None = None,
+    channel_axis: int | None = None,
+    backend: str = "auto",
+    dtype: npt.DTypeLike | None = None,
+    progress: bool = False,
+    memory: int | None = None,
+) -> npt.NDArray[Any]:
+    """Nonlocal means: every pixel becomes the mean of those of its window whose surroundings look alike.
+
+    Parameters
+    ----------
+    image : array
+        Two or more axes (space, time), besides the channels; any integer or real type.
+    patch_radius : int, default 2
+        Patches are squares of 2 patch_radius + 1 pixels a side.
+    radius : float, optional
+        Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells, 2 in a volume.
+    h : float or array, optional
+        Filtering parameter > 0, or one per pixel (then h(u) h(v) stands for h^2): in the image's units times the square
+        root of the sum of g and of the number of channels. None takes 0.6 of the noise times that root; where
+        `sigma` is 0, the noise is estimated, and its share taken off the distances as if it had been given.
+    a : float, optional
+        Standard deviation, in pixels, of a Gaussian patch g_a that sums to 1. None: the flat patch, g = 1.
+    sigma : float or array, default 0
+        Standard deviation of the noise, or one per pixel: its share 2 sigma^2 is taken off each squared difference.
+    lam : float or array, default 2
+        Twice the weight of the pixel itself, in the units that `centre` says; infinity keeps a pixel.
+    centre : {"once", "largest", "none"}, default "once"
+        Whether lam = 2 counts the pixel itself with weight 1, with the largest weight of its neighbours, or not at all.
+    average_patches : bool or "weighted", default False
+        Estimate whole patches, and average at each pixel the estimates of all patches that cover it: less noise left
+        around edges and in rare places. "weighted" counts a patch by the sum of the weights it found, so that one that
+        found nothing alike does not speak for its neighbours.
+    average_radius : int, optional
+        Radius of the patches that are averaged; None takes `patch_radius`.
+    cut : float, default 0
+        Weights below it count as 0.
+    metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
+        Window: square, disk or diamond.
+    border : {"clip", "reflect", "symmetric", "nearest", "wrap", "constant"}, default "clip"
+        What a window that reaches over the border sees: nothing, the image mirrored without its edge pixel or
+        with it, the edge pixel again, the other end, or `constant`. With "clip" patches alone are filled by reflection.
+    constant : float, default 0
+        The value beyond the border for "constant".
+    guide : array, optional
+        What the patches compare instead of `image`.
+    mask : bool array, optional
+        True where a pixel takes part; the others, which may be NaN, come back as they are.
+    spacing : tuple of float, optional
+        Size of a pixel along each axis; None means 1.
+    channel_axis : int, optional
+        Axis of the channels, which are compared and averaged together.
+    backend, dtype, progress, memory
+        As in :func:`gpureg.denoise_image`.
+
+    Returns
+    -------
+    array
+        In the shape and dtype of `image`; integers are rounded and clipped.
+
+    Raises
+    ------
+    ValueError, TypeError
+        An argument out of its range, or values that are not real and finite.
+    BackendUnavailable
+        A backend or device that is not there.
+
+    Notes
+    -----
+    f(u) = (lam/2 f0(u) + sum_v w2(u, v) f0(v)) / (lam/2 + sum_v w2(u, v)) with w2(u, v) = exp(-rho(u, v)/h^2), eq. 25
+    at p = 2 with the weights of section 5.2; Buades, Coll, Morel (SIAM MMS 4(2), 2005; IPOL 2011 for averaged patches,
+    which they call patchwise). With the H of OpenCV and scikit-image, h^2 = C s H^2 for flat patches of s pixels and C
+    channels.
+
+    Examples
+    --------
+    >>> import numpy as np, gpureg as gr
+    >>> clean = np.kron([[0.2, 0.8], [0.8, 0.2]], np.ones((16, 16)))
+    >>> noisy = clean + np.random.default_rng(7).normal(0, 0.1, clean.shape)
+    >>> denoised = gr.denoise_nl_means(noisy, h=0.3, sigma=0.1, backend="numpy")
+    >>> bool(np.std(denoised - clean) < 0.4 * np.std(noisy - clean))
+    True
+    """
+    array = checked(image, channel_axis, mask)
+    shape = cells_of(array, channel_axis)
+    if centre not in CENTRES:
+        raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
+    if not (isinstance(average_patches, bool | np.bool_) or average_patches == "weighted"):
+        raise ValueError(f"average_patches must be True, False or 'weighted', got {average_patches!r}")
+    averaged = patch_radius if average_radius is None else average_radius
+    patch(averaged, 1.0)  # a radius as a patch's is
+    if radius is None:
+        finest, coarsest = cell_sizes(spacing)
+        radius = max((7 if len(shape) == 2 else 2) * finest, coarsest)
+    # The weight function's own checks come first; a map is checked on its own shape.
+    sigmas = map_of("sigma", sigma, shape)
+    patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a, cut=cut)
+    if h is None:
+        noise = float(np.sqrt(np.mean(np.square(sigmas))))
+        if noise == 0:
+            noise = estimate_noise(array, channel_axis=channel_axis, mask=mask)
+            sigmas = noise
+        channels = array.size // max(1, math.prod(shape))
+        samples = (2 * patch_radius + 1) ** len(shape) if a is None else 1
+        h = 0.6 * noise * math.sqrt(samples * channels)
+        if h == 0:
+            return array.copy()  # no noise was found
+    bandwidths = map_of("h", h, shape)
+    maps = {"h": bandwidths, "sigma": sigmas, "lam": 0.0 if centre == "none" else map_of("lam", lam, shape)}
+    return one_step(
+        array,
+        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], a=a, cut=cut),
+        maps,
+        reach=patch_radius,
+        radius=radius,
+        centre=centre,
+        average_patches=average_patches,
+        averaged=int(averaged),
+        metric=metric,
+        border=border,
+        constant=constant,
+        guide=guide,
+        mask=mask,
+        spacing=spacing,
+        channel_axis=channel_axis,
+        run={"backend": backend, "dtype": dtype, "progress": progress, "memory": memory},
+    )
