@@ -9,7 +9,7 @@ import numpy as np
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.partition import edge_lengths, vertex_values
+from gpureg.regions.partition import edge_lengths, vertex_values
 
 from .filters import psnr
 from .growth import GROWN

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
 from ._version import __version__
 from .backends import BackendUnavailable
-from .cluster import cluster_points
-from .curve import denoise_curve
-from .curve_io import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
-from .curve_simplify import simplify_curve
+from .curves.denoise import denoise_curve
+from .curves.files import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
+from .curves.simplify import simplify_curve
+from .curves.skeletons import Skeleton, simplify_skeleton, skeleton
 from .graphs.csr import Graph
 from .graphs.files import read_graph, write_graph
 from .graphs.grid import GridGraph
@@ -25,27 +24,29 @@ from .images.patch_graph import patch_graph
 from .images.plan import DenoisePlan
 from .images.run import run_plan
 from .images.total_variation import denoise_tv
-from .mesh import denoise_mesh
-from .mesh_io import MeshError, MeshFile, read_mesh, write_mesh
-from .mesh_noise import estimate_mesh_noise
-from .mesh_simplify import simplify_mesh
+from .meshes.denoise import denoise_mesh
+from .meshes.noise import estimate_mesh_noise
+from .meshes.reading import MeshError, MeshFile, read_mesh
+from .meshes.segment import MeshSegmentation, segment_mesh
+from .meshes.simplify import simplify_mesh
+from .meshes.writing import write_mesh
 from .model.memory import memory_needed
 from .model.result import Interrupted, Result, Stop
 from .noise.photon import PhotonNoise, estimate_photon_noise
 from .noise.white import estimate_noise
-from .partition import energy_partition
-from .point_patches import patch_knn_graph, point_patches
-from .points import denoise_points, estimate_point_noise
-from .points_io import PointsError, PointsFile, read_points, write_points
-from .region_graph import RegionGraph, region_graph
-from .region_values import region_values
-from .regions import Regions
+from .points.cluster import cluster_points
+from .points.denoise import denoise_points, estimate_point_noise
+from .points.files import PointsError, PointsFile, read_points, write_points
+from .points.patches import patch_knn_graph, point_patches
+from .regions import sources
+from .regions.graph import RegionGraph, region_graph
+from .regions.partition import energy_partition
+from .regions.regions import Regions
+from .regions.simplify import simplify_image
+from .regions.values import region_values
 from .regularization.labels import propagate_labels
 from .regularization.path import Path, regularization_path
 from .regularization.regularize import regularize
-from .segment import MeshSegmentation, segment_mesh
-from .simplify import simplify_image
-from .skeleton import Skeleton, simplify_skeleton, skeleton
 from .solvers import Certified, Check, Euler, Jacobi
 
 __all__ = [

@@ -13,12 +13,12 @@ import numpy as np
 
 from . import weights
 from .arrays import FloatArray, IntArray
-from .curve import Curves, curves_of, denoised_curves
-from .curve_io import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
 from .curve_report import Worked, as_report
-from .curve_simplify import Function, simplified_curves
+from .curves.denoise import Curves, curves_of, denoised_curves
+from .curves.files import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
+from .curves.simplify import Function, simplified_curves
+from .curves.skeletons import Skeleton, skeleton
 from .files.pictures import check_place, write_files
-from .skeleton import Skeleton, skeleton
 
 CURVE_WEIGHTS = ("constant", "inverse-distance", "inverse-square")
 
@@ -104,7 +104,7 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
     CurveError, PictureError
         A file that cannot be read or written, a picture where matplotlib is not installed.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
-        As :func:`gpureg.denoise_curve`, :func:`gpureg.simplify_curve` and :func:`gpureg.skeleton`.
+        As :func:`gpureg.denoise_curve`, :func:`gpureg.simplify_curve` and :func:`gpureg.curves.skeletons`.
     """
     settings.check()
     _check_files(source, target, settings)

@@ -12,10 +12,12 @@ import numpy.typing as npt
 
 from . import weights
 from .files.pictures import check_place, write_files
-from .mesh_denoising import Filter, denoised
-from .mesh_io import MeshError, check_format, encode_mesh, read_mesh
 from .mesh_report import denoising_report, errors_of, simplification_report
-from .mesh_simplify import simplified
+from .meshes.denoise import denoised
+from .meshes.filters import Filter
+from .meshes.reading import MeshError, check_format, read_mesh
+from .meshes.simplify import simplified
+from .meshes.writing import encode_mesh
 from .shapes.surface import Surface, surface_of
 
 WEIGHTS = ("constant", "inverse-distance", "inverse-square", "cotangent")

@@ -9,14 +9,14 @@ import numpy as np
 
 from . import metrics
 from ._version import __version__
-from .mesh_denoising import MeshDenoising
-from .mesh_simplify import MeshSimplification
+from .meshes.denoise import MeshDenoising
+from .meshes.simplify import MeshSimplification
 from .report import number
 from .shapes.surface import Surface
 
 
 def denoising_report(before: Surface, after: Surface, found: MeshDenoising) -> dict[str, Any]:
-    """What :func:`gpureg.mesh_denoising.denoised` did."""
+    """What :func:`gpureg.meshes.denoise.denoised` did."""
     report = {
         "vertices": len(before.vertices),
         "faces": len(before.faces),
@@ -35,7 +35,7 @@ def denoising_report(before: Surface, after: Surface, found: MeshDenoising) -> d
 
 
 def simplification_report(before: Surface, after: Surface, found: MeshSimplification) -> dict[str, Any]:
-    """What :func:`gpureg.mesh_simplify.simplified` did."""
+    """What :func:`gpureg.meshes.simplify.simplified` did."""
     used = len(np.unique(before.welded()[0].faces))
     rounds = len(found.results)
     result = found.results[0]

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from . import weights
-from .cluster import cluster_points
 from .files.pictures import check_place, write_files
-from .point_denoising import PointFilter, denoised
-from .points_io import PointsError, PointsFile, encode_points, point_format, read_points
+from .points.cluster import cluster_points
+from .points.denoise import denoised
+from .points.files import PointsError, PointsFile, encode_points, point_format, read_points
+from .points.filters import PointFilter
 from .points_report import clustering_report, denoising_report, errors_of
 
 POINT_WEIGHTS = ("constant", "inverse-distance", "inverse-square")

@@ -10,13 +10,13 @@ import numpy.typing as npt
 from . import metrics
 from ._version import __version__
 from .arrays import FloatArray
-from .point_denoising import PointDenoising
-from .points_io import PointsFile
+from .points.denoise import PointDenoising
+from .points.files import PointsFile
 from .report import number
 
 
 def denoising_report(found: PointDenoising) -> dict[str, Any]:
-    """What :func:`gpureg.point_denoising.denoised` did."""
+    """What :func:`gpureg.points.denoise.denoised` did."""
     runs = found.results
     report: dict[str, Any] = {
         "points": len(found.points),

@@ -18,9 +18,9 @@ from .graphs.edges import Metric
 from .layout import Layout, beside, inside_of, layout_of
 from .model.problem import Norm
 from .progress import progress_bar
-from .region_values import Model
-from .regions import Regions, WeightKind
-from .simplify import SourceKind, simplify_image
+from .regions.regions import Regions, WeightKind
+from .regions.simplify import SourceKind, simplify_image
+from .regions.values import Model
 from .simplify_report import Errors, report_of, run_of
 from .weights import Weights
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from ._version import __version__
 from .files.pictures import Picture
-from .regions import Regions
+from .regions.regions import Regions
+from .regions.simplify import ENOUGH
 from .report import about, axes_line, done_line, left_out, number
-from .simplify import ENOUGH
 
 _SOURCES = {"extrema": "regional extrema of the intensity", "gradient": "regional minima of the gradient"}
 _MODELS = {"mean": "the regions' means", "median": "the regions' medians", "source": "the sources' values"}

@@ -10,7 +10,7 @@ import pytest
 from commands import call, done, failed
 
 import gpureg as gr
-from gpureg.curve_io import CurveInFile
+from gpureg.curves.files import CurveInFile
 
 T = np.linspace(0, 2 * np.pi, 200, endpoint=False)
 RNG = np.random.default_rng(8)

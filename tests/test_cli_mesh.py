@@ -17,7 +17,8 @@ from commands import call, done, environment, failed, on_terminal, process
 
 import gpureg as gr
 from gpureg.cli import mesh as command
-from gpureg.mesh_io import FORMATS, read_mesh, write_mesh
+from gpureg.meshes.reading import FORMATS, read_mesh
+from gpureg.meshes.writing import write_mesh
 
 SPHERE = trimesh.creation.icosphere(2)
 FACES = np.array(SPHERE.faces)

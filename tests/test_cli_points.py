@@ -11,7 +11,7 @@ import trimesh
 from commands import call, done, failed
 
 import gpureg as gr
-from gpureg.points_io import POINT_FORMATS
+from gpureg.points.files import POINT_FORMATS
 
 SPHERE = trimesh.creation.icosphere(3)
 CLEAN = np.array(SPHERE.vertices)

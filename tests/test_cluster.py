@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg.cluster import _joins, edge_weights
+from gpureg.points.cluster import _joins, edge_weights
 from gpureg.regularization import pieces
 
 RNG = np.random.default_rng(3)

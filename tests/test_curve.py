@@ -7,8 +7,8 @@ import pytest
 from skimage.measure import approximate_polygon, find_contours
 
 import gpureg as gr
-from gpureg.curve import curves_of, denoised_curves
-from gpureg.curve_simplify import simplified_curves
+from gpureg.curves.denoise import curves_of, denoised_curves
+from gpureg.curves.simplify import simplified_curves
 from gpureg.metrics import curve_area, curve_hausdorff
 
 

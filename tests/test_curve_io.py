@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg.curve_documents import _subpaths
-from gpureg.curve_io import CURVE_FORMATS, CurveInFile, encode_curves
+from gpureg.curves.documents import _subpaths
+from gpureg.curves.files import CURVE_FORMATS, CurveInFile, encode_curves
 
 RNG = np.random.default_rng(6)
 

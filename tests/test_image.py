@@ -13,7 +13,7 @@ import gpureg as gr
 from gpureg.images import choose as planning
 from gpureg.images import guides as pixels
 from gpureg.images import run as running
-from gpureg.noise import blocks as noise_blocks
+from gpureg.noise import blocks as blocks_of_noise
 from gpureg.noise import white
 
 
@@ -348,6 +348,7 @@ def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest
     before = noisy(scene, sigma).astype(np.float32)
     whole, contrast = gr.estimate_noise(before), pixels.contrast(before, None, None)
     monkeypatch.setattr(white, "LARGE", 1 << 20)
+    monkeypatch.setattr(blocks_of_noise, "LARGE", 1 << 20)
     monkeypatch.setattr(pixels, "_BAND", 1 << 17)
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 import gpureg as gr
-from gpureg.mesh_denoising import denoised
+from gpureg.meshes.denoise import denoised
+from gpureg.meshes.normals import fitted_vertices
 from gpureg.noise.graphs import noise_on_graph
-from gpureg.normals import fitted_vertices
 from gpureg.shapes.surface import face_normals, surface_of
 
 SPHERE = trimesh.creation.icosphere(3)

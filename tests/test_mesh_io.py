@@ -12,7 +12,8 @@ from users import needs_users, no_root
 
 import gpureg as gr
 from gpureg.files.pictures import PictureError
-from gpureg.mesh_io import FORMATS, MeshError, encode_mesh, read_mesh, write_mesh
+from gpureg.meshes.reading import FORMATS, MeshError, read_mesh
+from gpureg.meshes.writing import encode_mesh, write_mesh
 
 SPHERE = trimesh.creation.icosphere(1)
 RNG = np.random.default_rng(8)

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 import gpureg as gr
-from gpureg import collapse
-from gpureg.mesh_simplify import simplified
+from gpureg.meshes import collapse
+from gpureg.meshes.simplify import simplified
 from gpureg.shapes.surface import surface_of
 
 MODEL = {"p": 0.1, "lam": 0.001, "max_iter": 200}

@@ -14,7 +14,7 @@ from scipy.sparse import csgraph
 import gpureg as gr
 from gpureg import backends
 from gpureg.backends import zones
-from gpureg.partition import edge_lengths, vertex_values
+from gpureg.regions.partition import edge_lengths, vertex_values
 
 # Small sizes of blocks, so that paths cross many of them in both directions; None: what the device takes.
 SIZES = (1, 7, 64, None)

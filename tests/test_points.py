@@ -8,8 +8,8 @@ import trimesh
 from numpy.testing import assert_allclose
 
 import gpureg as gr
-from gpureg.point_denoising import denoised
-from gpureg.point_normals import directions, fitted_points, nearest, planes, projectors, spacing_of
+from gpureg.points.denoise import denoised
+from gpureg.points.normals import directions, fitted_points, nearest, planes, projectors, spacing_of
 
 RNG = np.random.default_rng(11)
 CLEAN = np.array(trimesh.creation.icosphere(4).vertices)

@@ -11,7 +11,7 @@ import trimesh
 
 import gpureg as gr
 from gpureg.files.table import encode_table, read_table
-from gpureg.points_io import POINT_FORMATS, encode_points
+from gpureg.points.files import POINT_FORMATS, encode_points
 
 RNG = np.random.default_rng(4)
 POINTS = RNG.normal(size=(50, 3))

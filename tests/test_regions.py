@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 import gpureg as gr
-from gpureg.simplify import ENOUGH, SMOOTHING
+from gpureg.regions.simplify import ENOUGH, SMOOTHING
 
 HOST = {"backend": "numpy", "dtype": np.float64}
 

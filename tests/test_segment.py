@@ -10,7 +10,7 @@ import trimesh
 
 import gpureg as gr
 from gpureg.graphs.of_shapes import face_graph
-from gpureg.segment import _borders
+from gpureg.meshes.segment import _borders
 
 
 def box(times: int = 3):

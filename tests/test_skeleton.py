@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 
 import gpureg as gr
-from gpureg.skeleton import _inside
+from gpureg.curves.skeletons import _inside
 
 
 def rectangle(width, height, step=1.0):

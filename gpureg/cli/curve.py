@@ -11,7 +11,7 @@ import click
 
 from ..curve_file import CURVE_WEIGHTS, CurveSettings, curve_file
 from ..curve_report import as_lines
-from ..curve_simplify import FUNCTIONS
+from ..curves.simplify import FUNCTIONS
 from ..model.problem import NORMS
 from . import options
 from .group import sentences

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from ..mesh_denoising import FILTERS
 from ..mesh_file import WEIGHTS, MeshSettings, mesh_file
 from ..mesh_report import as_lines
+from ..meshes.filters import FILTERS
 from ..model.problem import NORMS
 from . import options
 from .group import sentences

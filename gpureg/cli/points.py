@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from ..model.problem import NORMS
-from ..point_denoising import POINT_FILTERS
+from ..points.filters import POINT_FILTERS
 from ..points_file import POINT_WEIGHTS, PointsSettings, points_file
 from ..points_report import as_lines
 from . import options

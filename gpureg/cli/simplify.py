@@ -11,11 +11,11 @@ import click
 
 from ..files.picture import checked_axes
 from ..model.problem import NORMS
-from ..region_graph import METRICS
-from ..region_values import MODELS
-from ..regions import WEIGHTS
+from ..regions.graph import METRICS
+from ..regions.regions import WEIGHTS
+from ..regions.simplify import SOURCES
+from ..regions.values import MODELS
 from ..settings import as_spacing
-from ..simplify import SOURCES
 from ..simplify_file import Simplification, simplify_file
 from ..simplify_report import as_lines
 from . import options

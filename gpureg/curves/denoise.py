@@ -10,15 +10,15 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, checked_points
-from .graphs.csr import Graph
-from .graphs.of_shapes import curve_graph
-from .model.result import Result
-from .noise.graphs import noise_on_graph
-from .regularization.regularize import regularize
-from .solvers import Certified, Solver
-from .solvers.loop import Callback
-from .weights import Weights
+from ..arrays import FloatArray, checked_points
+from ..graphs.csr import Graph
+from ..graphs.of_shapes import curve_graph
+from ..model.result import Result
+from ..noise.graphs import noise_on_graph
+from ..regularization.regularize import regularize
+from ..solvers import Certified, Solver
+from ..solvers.loop import Callback
+from ..weights import Weights
 
 # Of fewer vertices noise cannot be told from shape.
 _TELLING = 12

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .arrays import FloatArray
+from ..arrays import FloatArray
 
 _SVG = "http://www.w3.org/2000/svg"
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")

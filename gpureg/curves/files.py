@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .curve_documents import Geo, Svg, new_geo, new_svg
-from .files.pictures import PictureError, check_place, write_atomically
-from .files.table import encode_table, read_table, read_text
+from ..arrays import FloatArray, IntArray
+from ..files.pictures import PictureError, check_place, write_atomically
+from ..files.table import encode_table, read_table, read_text
+from .documents import Geo, Svg, new_geo, new_svg
 
 CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
 
@@ -225,7 +225,7 @@ def write_curves(
     --------
     >>> import os, tempfile
     >>> import numpy as np
-    >>> from gpureg.curve_io import CurveInFile, read_curves, write_curves
+    >>> from gpureg.curves.files import CurveInFile, read_curves, write_curves
     >>> triangle = CurveInFile(np.array([[0, 0], [2, 0], [1, 1.5]]), True, np.empty((3, 0)))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_curves(os.path.join(folder, "a.svg"), [triangle])

@@ -10,14 +10,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .curve import Curves, curves_of
-from .graphs.csr import Graph
-from .model.result import Result
-from .regularization.regularize import regularize
-from .solvers import Solver
-from .solvers.loop import Callback
-from .weights import Weights
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..model.result import Result
+from ..regularization.regularize import regularize
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..weights import Weights
+from .denoise import Curves, curves_of
 
 Function = Literal["directions", "positions"]
 FUNCTIONS: tuple[Function, ...] = get_args(Function)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .curve import curves_of, denoised_curves
-from .graphs.csr import Graph
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from .denoise import curves_of, denoised_curves
 
 # Vertices whose rays are cast together.
 _BLOCK = 1 << 22

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..simplify import simplify_image
+from ..regions.simplify import simplify_image
 from .inputs import Inputs
 from .sheet import Drawn, Panel, caption, pictures, psnr
 

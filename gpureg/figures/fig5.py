@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import metrics
-from ..curve import denoise_curve
+from ..curves.denoise import denoise_curve
 from ..plot import curves
 from ..solvers import Jacobi
 from .inputs import Inputs

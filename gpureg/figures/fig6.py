@@ -8,8 +8,8 @@ import numpy as np
 
 from .. import metrics
 from ..graphs.of_shapes import mesh_graph
-from ..mesh import denoise_mesh
-from ..mesh_noise import estimate_mesh_noise
+from ..meshes.denoise import denoise_mesh
+from ..meshes.noise import estimate_mesh_noise
 from ..plot import meshes
 from ..shapes.surface import surface_of, vertex_normals
 from ..weights import inverse_distance

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .. import metrics
 from ..arrays import FloatArray
-from ..curve_simplify import simplify_curve
+from ..curves.simplify import simplify_curve
 from ..graphs.of_shapes import curve_graph
 from ..plot.canvas import new_figure
 from ..regularization.pieces import met

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .. import metrics
-from ..mesh_simplify import simplified
+from ..meshes.simplify import simplified
 from ..plot import meshes
 from ..shapes.surface import surface_of
 from ..weights import constant

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..curves.skeletons import simplify_skeleton
 from ..graphs.csr import Graph
 from ..plot import skeleton
-from ..skeleton import simplify_skeleton
 from .inputs import Inputs
 from .sheet import Drawn, caption
 

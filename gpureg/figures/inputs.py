@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-from ..curve_io import CurveError, read_curves
+from ..curves.files import CurveError, read_curves
 from ..files.picture import Picture, PictureError
 from ..files.pictures import read_picture
-from ..mesh_io import read_mesh
+from ..meshes.reading import read_mesh
 from . import made
 
 Pair = tuple[FloatArray, IntArray]

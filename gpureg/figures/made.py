@@ -26,7 +26,7 @@ def animal(side: int) -> tuple[FloatArray, IntArray]:
     """A closed smooth surface with thin parts, like the bunny of the paper; `side` voxels along a unit."""
     from skimage.measure import marching_cubes
 
-    from ..mesh import denoise_mesh
+    from ..meshes.denoise import denoise_mesh
     from ..solvers import Jacobi
 
     low, high = np.array([-1.1, -1.1, -1.6]), np.array([1.1, 2.25, 1.6])

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import FloatArray, IntArray
-from .shapes.surface import face_vectors
+from ..arrays import FloatArray, IntArray
+from ..shapes.surface import face_vectors
 
 # A face may turn by no more than this cosine when a vertex of it moves: 78 degrees.
 _TURN = 0.2

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .graphs.csr import Graph
-from .graphs.of_shapes import adjacent_faces, mesh_graph
-from .noise.graphs import MEDIAN, averaging, second_differences
-from .shapes.surface import face_normals, surface_of, vertex_normals
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..graphs.of_shapes import adjacent_faces, mesh_graph
+from ..noise.graphs import MEDIAN, averaging, second_differences
+from ..shapes.surface import face_normals, surface_of, vertex_normals
 
 # What noise makes of normals: distances from the mean of three neighbours over those from one of them (measured on five
 # meshes: 0.80 to 0.83), and the most of a vertex's deviation in edges over the former (0.7 to 0.95 there).

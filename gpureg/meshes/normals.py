@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
-from .graphs.of_shapes import face_graph
-from .model.result import Result
-from .regularization.regularize import regularize
-from .shapes.surface import face_normals
-from .weights import Weights, bilateral, guided
+from ..arrays import FloatArray, IntArray
+from ..graphs.of_shapes import face_graph
+from ..model.result import Result
+from ..regularization.regularize import regularize
+from ..shapes.surface import face_normals
+from ..weights import Weights, bilateral, guided
 
 # Reach of the weights between normals of the rounds after the first, a distance of unit vectors (20 degrees).
 REACH = 0.35

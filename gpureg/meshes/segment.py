@@ -10,14 +10,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, checked_values
-from .graphs.csr import Graph
-from .graphs.of_shapes import face_graph
-from .model.result import Result
-from .regularization.pieces import Labels, coarser, whole
-from .shapes.surface import face_normals, face_vectors, surface_of
-from .solvers import Solver
-from .solvers.loop import Callback
+from ..arrays import FloatArray, IntArray, checked_values
+from ..graphs.csr import Graph
+from ..graphs.of_shapes import face_graph
+from ..model.result import Result
+from ..regularization.pieces import Labels, coarser, whole
+from ..shapes.surface import face_normals, face_vectors, surface_of
+from ..solvers import Solver
+from ..solvers.loop import Callback
 
 # Fidelities where none are given: from those at which all but flat parts fall apart to those at which a part is all.
 _LAMS = tuple(3.0 * 2.0**-k for k in range(12))

@@ -9,15 +9,15 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
+from ..arrays import FloatArray, IntArray
+from ..graphs.of_shapes import mesh_graph
+from ..model.result import Result
+from ..regularization.regularize import regularize
+from ..shapes.surface import Surface, surface_of, vertex_normals
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..weights import Weights, bilateral, guided
 from .collapse import Collapses
-from .graphs.of_shapes import mesh_graph
-from .model.result import Result
-from .regularization.regularize import regularize
-from .shapes.surface import Surface, surface_of, vertex_normals
-from .solvers import Solver
-from .solvers.loop import Callback
-from .weights import Weights, bilateral, guided
 
 # Reach of the default weights between unit normals of vertices: 9 degrees.
 _REACH = 0.15

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_points
-from ..skeleton import Skeleton
+from ..curves.skeletons import Skeleton
 from .camera import panels_of
 from .canvas import Path_, check_path, finish
 
@@ -111,7 +111,9 @@ def skeleton(
         or not all(shown.values())
         or not all(isinstance(s, Skeleton) for each in shown.values() for s in each)
     ):
-        raise TypeError("skeletons must be results of gpureg.skeleton: one, a sequence, or a mapping of titles to such")
+        raise TypeError(
+            "skeletons must be results of gpureg.curves.skeletons: one, a sequence, or a mapping of titles to such"
+        )
     together = np.concatenate([s.points for each in shown.values() for s in each])
     figure, panels = _panels(together, [str(title) for title in shown], caption, upright)
     from matplotlib import colormaps

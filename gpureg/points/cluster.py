@@ -9,17 +9,17 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray, IntArray
-from .graphs.csr import Graph
-from .graphs.edges import check_weights
-from .graphs.of_points import knn_graph
-from .point_normals import nearest
-from .regularization.pieces import Labels, Pieces, coarser, whole
-from .shapes.cloud import cloud_of
-from .solvers import Solver
-from .solvers.loop import Callback
-from .weights import Weights
+from .. import backends
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..graphs.edges import check_weights
+from ..graphs.of_points import knn_graph
+from ..regularization.pieces import Labels, Pieces, coarser, whole
+from ..shapes.cloud import cloud_of
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..weights import Weights
+from .normals import nearest
 
 # Points whose regularized places differ by less than this share of the median edge have met.
 _MET = 0.05

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
 import numpy.typing as npt
 
-from .point_denoising import PointFilter, denoised
-from .point_normals import noise_along_normals
-from .shapes.cloud import cloud_of
-from .solvers import Solver
-from .solvers.loop import Callback
-from .weights import Weights
+from ..arrays import FloatArray, checked_flags, checked_values
+from ..checks import check_size
+from ..model.result import Result
+from ..shapes.cloud import cloud_of
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..weights import Weights
+from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointFilter, Task
+from .normals import noise_along_normals, spacing_of
 
 
 def denoise_points(
@@ -159,3 +165,158 @@ def estimate_point_noise(points: Any) -> float:
     if found.shape[1] not in (2, 3):
         raise ValueError(f"normals are those of points of the plane or of space, got {found.shape[1]} coordinates")
     return noise_along_normals(found)
+
+
+@dataclass(frozen=True, eq=False)
+class PointDenoising:
+    """What :func:`denoised` did.
+
+    Attributes
+    ----------
+    points : (n, d) float array
+        Where the points are now.
+    values : (n,) or (n, m) float array or None
+        The regularized attributes, where there were such; the points are then as they were.
+    normals : (n, d) float array or None
+        The regularized unit normals, either way round, where those were what was regularized.
+    filter : str
+        "normals", "positions" or "values".
+    sigma : float
+        Deviation of the noise, in the units of the coordinates (or of the values): given, or estimated.
+    estimated : bool
+    p : float
+    lam : float or array
+        The fidelity used.
+    k : int
+        Neighbours that each point chose in the graph.
+    spacing : float
+        Median distance from a point to the nearest other one, before.
+    results : list of Result
+        The runs of the model, in their order.
+    displacement : (n,) float array
+        How far each point has moved.
+    seconds : float
+    """
+
+    points: FloatArray
+    values: npt.NDArray[Any] | None
+    normals: FloatArray | None
+    filter: str
+    sigma: float
+    estimated: bool
+    p: float
+    lam: float | FloatArray
+    k: int
+    spacing: float
+    results: list[Result]
+    displacement: FloatArray
+    seconds: float
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all runs together."""
+        return sum(result.iterations for result in self.results)
+
+    def describe(self) -> str:
+        """The filter and its parameters, in a line."""
+        what = {
+            "normals": "normals of the neighbourhoods, points moved to fit them",
+            "positions": "positions of the points",
+            "values": "values at the points",
+        }[self.filter]
+        if not self.results:
+            return f"{what}: there is no noise to remove"
+        lam = f"{self.lam:.4g}" if isinstance(self.lam, float) else "a map"
+        runs, each = len(self.results), self.results[0].iterations
+        times = f"{runs} rounds of {each}" if runs > 1 else str(each)
+        return f"{what}; {self.k} neighbours, p = {self.p:g}, lam = {lam}, {times} iterations"
+
+
+def denoised(
+    points: FloatArray,
+    *,
+    filter: PointFilter | None = None,
+    values: Any = None,
+    k: int | None = None,
+    update_neighbours: int | None = None,
+    p: float | None = None,
+    lam: float | npt.ArrayLike | None = None,
+    weights: Weights | npt.ArrayLike | None = None,
+    sigma: float | None = None,
+    max_iter: int | None = None,
+    fixed: npt.ArrayLike | None = None,
+    max_displacement: float | None = None,
+    **model: Any,
+) -> PointDenoising:
+    """:func:`gpureg.denoise_points` of an array; `model` is what else :func:`gpureg.regularize` is told.
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`gpureg.denoise_points`.
+    """
+    begin = time.perf_counter()
+    n, d = points.shape
+    chosen = _chosen(filter, d, values is not None)
+    check_size("sigma", sigma)
+    check_size("max_displacement", max_displacement)
+    if values is not None and (max_displacement is not None or update_neighbours is not None):
+        raise ValueError("max_displacement and update_neighbours are for points that move; values stay where they are")
+    if update_neighbours is not None and (isinstance(update_neighbours, bool) or update_neighbours < 1):
+        raise ValueError(f"update_neighbours must be a number of steps >= 1, or None, got {update_neighbours}")
+    if update_neighbours is not None and isinstance(weights, np.ndarray | list):
+        raise ValueError("weights as an array are those of one graph: leave update_neighbours, or give a function")
+    pinned = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
+    fidelity = None if lam is None else _fidelity(lam, n)
+    pinned |= np.isinf(0.0 if fidelity is None else fidelity)
+    # far from the origin single precision has too few digits for details
+    centre = points.mean(axis=0)
+    task = Task(
+        points - centre,
+        pinned,
+        NEIGHBOURS if k is None else k,
+        update_neighbours,
+        fidelity,
+        sigma,
+        p,
+        weights,
+        model,
+        max_iter,
+    )
+    given = None if values is None else checked_values(values, n)
+    found = task.of_values(given) if given is not None else task.moved(chosen)
+    f0 = task.points if given is None else given
+    moves = np.where(pinned[:, None], 0.0, found.f - f0)
+    about = (*found[1:6], task.k, spacing_of(points), found.results)
+    if given is not None:
+        kept = (given + moves).astype(given.dtype).reshape(np.shape(values))
+        return PointDenoising(points, kept, None, *about, np.zeros(n), time.perf_counter() - begin)
+    distance = np.linalg.norm(moves, axis=1)
+    most = max_displacement
+    if most is None and found.filter == "normals":
+        most = MOST_MOVED * found.sigma
+    if most is not None:
+        moves *= np.minimum(1, most / np.maximum(distance, np.finfo(float).tiny))[:, None]
+        distance = np.minimum(distance, most)
+    return PointDenoising(points + moves, None, found.normals, *about, distance, time.perf_counter() - begin)
+
+
+def _chosen(filter: Any, d: int, values: bool) -> PointFilter:
+    if filter is None:
+        return "normals" if d in (2, 3) else "positions"
+    if filter not in POINT_FILTERS:
+        raise ValueError(f'filter must be "normals" or "positions", got {filter!r}')
+    if values:
+        raise ValueError("filter says how points move; values stay where they are: leave it out")
+    if filter == "normals" and d not in (2, 3):
+        raise ValueError(f'filter="normals" is for points of the plane or of space, got {d} coordinates: "positions"')
+    return "normals" if filter == "normals" else "positions"
+
+
+def _fidelity(lam: Any, n: int) -> float | FloatArray:
+    if np.ndim(lam) == 0:
+        return float(lam)
+    values = np.asarray(lam, dtype=np.float64)
+    if values.shape != (n,):
+        raise ValueError(f"lam must be a number or one per point, ({n},), got {values.shape}")
+    return values

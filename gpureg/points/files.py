@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .files.pictures import PictureError, check_place, write_atomically
-from .files.table import encode_table, read_table
+from ..arrays import FloatArray
+from ..files.pictures import PictureError, check_place, write_atomically
+from ..files.table import encode_table, read_table
 
 POINT_FORMATS = (".ply", ".xyz", ".csv", ".csv.gz", ".npz")
 
@@ -225,7 +225,7 @@ def write_points(
     Examples
     --------
     >>> import os, tempfile
-    >>> from gpureg.points_io import read_points, write_points
+    >>> from gpureg.points.files import read_points, write_points
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_points(os.path.join(folder, "a.csv"), [[0.1, 2], [3, 4]], {"label": [1, 0]})
     ...     found = read_points(os.path.join(folder, "a.csv"))

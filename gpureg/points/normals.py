@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import FloatArray, IntArray
-from .graphs.csr import Graph
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
 
 # Points treated at a time, whose neighbourhoods are some 100 MB.
 _PIECE = 1 << 16

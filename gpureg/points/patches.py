@@ -7,11 +7,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, checked_points, checked_values
-from .graphs.csr import Graph
-from .graphs.of_points import knn_graph
-from .point_normals import nearest
-from .shapes.cloud import cloud_of
+from ..arrays import FloatArray, IntArray, checked_points, checked_values
+from ..graphs.csr import Graph
+from ..graphs.of_points import knn_graph
+from ..shapes.cloud import cloud_of
+from .normals import nearest
 
 # Points treated at a time.
 _PIECE = 1 << 14

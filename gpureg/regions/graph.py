@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, unmasked
-from .graphs.csr import Graph
-from .graphs.edges import Metric, checked_spacing
-from .graphs.grid import GridGraph
-from .graphs.of_shapes import ring_graph
+from ..arrays import FloatArray, IntArray, unmasked
+from ..graphs.csr import Graph
+from ..graphs.edges import Metric, checked_spacing
+from ..graphs.grid import GridGraph
+from ..graphs.of_shapes import ring_graph
 
 METRICS: tuple[Metric, ...] = ("cityblock", "chebyshev")
 
@@ -66,7 +66,7 @@ class RegionGraph(Graph):
         Parameters
         ----------
         values : (n,) or (n, m) array
-            One value per region, or one a channel, as :func:`gpureg.region_values` gives them.
+            One value per region, or one a channel, as :func:`gpureg.regions.values` gives them.
         """
         array = np.asarray(values, np.float64)
         if array.ndim not in (1, 2) or len(array) != self.n_vertices:

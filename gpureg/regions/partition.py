@@ -9,11 +9,11 @@ from typing import Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray, IntArray, all_finite, unmasked
-from .backends.zones import LONGEST, Labels, Lengths
-from .graphs.csr import Graph
-from .graphs.grid import AnyGraph, GridGraph
+from .. import backends
+from ..arrays import FloatArray, IntArray, all_finite, unmasked
+from ..backends.zones import LONGEST, Labels, Lengths
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
 
 # A difference is counted in units of 2^-24 of the data's range: to the last bit of float32, and exactly where the data
 # are integers of up to 24 bits.
@@ -64,7 +64,7 @@ def energy_partition(
         Its weights play no part.
     sources : int array
         A label >= 0 at the vertices of each source, -1 elsewhere; (n,) or the grid's shape. A source may have any
-        number of vertices. :mod:`gpureg.sources` finds some.
+        number of vertices. :mod:`gpureg.regions.sources` finds some.
     compactness : float, default 0
         What every edge adds to the length of a path, in the units of f, at most 32 times the range of f: the larger,
         the rounder the zones.

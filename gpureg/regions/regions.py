@@ -12,14 +12,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
-from .backends.zones import Labels
-from .images.raster import as_image
-from .model.result import Interrupted, Result
-from .region_graph import RegionGraph, region_graph
-from .region_values import Model, region_values
-from .regularization.regularize import regularize
-from .weights import Weights, patch
+from ..arrays import FloatArray
+from ..backends.zones import Labels
+from ..images.raster import as_image
+from ..model.result import Interrupted, Result
+from ..regularization.regularize import regularize
+from ..weights import Weights, patch
+from .graph import RegionGraph, region_graph
+from .values import Model, region_values
 
 WeightKind = Literal["similarity", "constant", "border"]
 WEIGHTS: tuple[WeightKind, ...] = ("similarity", "constant", "border")
@@ -276,7 +276,7 @@ class Regions:
         ImportError, OSError, ValueError
             As :func:`gpureg.plot.simplification`.
         """
-        from .plot import simplification
+        from ..plot import simplification
 
         return simplification(
             self.image,

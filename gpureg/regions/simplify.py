@@ -10,19 +10,19 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..backends.zones import Labels
+from ..graphs.edges import Metric, checked_spacing
+from ..graphs.grid import GridGraph
+from ..images.guides import filled
+from ..images.raster import checked
+from ..solvers import Solver
+from ..solvers.loop import Callback
+from ..weights import Weights
 from . import sources as found_sources
-from .backends.zones import Labels
-from .graphs.edges import Metric, checked_spacing
-from .graphs.grid import GridGraph
-from .images.guides import filled
-from .images.raster import checked
+from .graph import region_graph
 from .partition import energy_partition
-from .region_graph import region_graph
-from .region_values import MODELS, Model
 from .regions import Regions, WeightKind, models_of
-from .solvers import Solver
-from .solvers.loop import Callback
-from .weights import Weights
+from .values import MODELS, Model
 
 SourceKind = Literal["extrema", "gradient"]
 SOURCES: tuple[SourceKind, ...] = ("extrema", "gradient")

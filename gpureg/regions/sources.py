@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import backends
-from .arrays import FloatArray
-from .backends.zones import Labels
-from .graphs.csr import Graph
-from .graphs.grid import AnyGraph, GridGraph
+from .. import backends
+from ..arrays import FloatArray
+from ..backends.zones import Labels
+from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
 
 Kind = Literal["both", "minima", "maxima"]

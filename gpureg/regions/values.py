@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray, unmasked
+from ..arrays import FloatArray, IntArray, unmasked
 
 Model = Literal["mean", "median", "source"]
 MODELS: tuple[Model, ...] = ("mean", "median", "source")

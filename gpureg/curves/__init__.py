@@ -1,0 +1,1 @@
+"""Polygonal curves: denoising, simplification, skeletons, files."""

@@ -1,0 +1,1 @@
+"""Triangle meshes: denoising, simplification, segmentation, files."""

@@ -1,0 +1,1 @@
+"""Point clouds: denoising, clusters, patches, files."""
