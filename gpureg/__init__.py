@@ -38,7 +38,6 @@ from .points.cluster import cluster_points
 from .points.denoise import denoise_points, estimate_point_noise
 from .points.files import PointsError, PointsFile, read_points, write_points
 from .points.patches import patch_knn_graph, point_patches
-from .regions import sources
 from .regions.graph import RegionGraph, region_graph
 from .regions.partition import energy_partition
 from .regions.regions import Regions

@@ -16,10 +16,10 @@ from commands import clean_picture, denoise, done, environment, failed, noisy_pi
 from users import needs_users, no_root
 
 import gpureg
-from gpureg import batch
-from gpureg.batch import expand, is_pattern, targets_in
 from gpureg.files.pictures import Picture, PictureError, read_picture, write_picture
-from gpureg.settings import Settings, rehearse
+from gpureg.jobs import batch
+from gpureg.jobs.batch import expand, is_pattern, targets_in
+from gpureg.jobs.denoise_settings import Settings, rehearse
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from ..curve_file import CURVE_WEIGHTS, CurveSettings, curve_file
-from ..curve_report import as_lines
 from ..curves.simplify import FUNCTIONS
+from ..jobs.curve import CURVE_WEIGHTS, CurveSettings, curve_file
+from ..jobs.curve_report import as_lines
 from ..model.problem import NORMS
 from . import options
 from .group import sentences

@@ -10,15 +10,15 @@ from typing import Any
 
 import click
 
-from ..batch import Outcome, denoise_files, expand, is_pattern
 from ..files.picture import checked_axes
 from ..graphs.edges import METRICS
 from ..images.plan import CENTRES
+from ..jobs.batch import Outcome, denoise_files, expand, is_pattern
 from ..jobs.denoise import denoise_file
+from ..jobs.denoise_report import as_lines
+from ..jobs.denoise_settings import AVERAGING, Settings, as_spacing
 from ..model.memory import as_bytes
 from ..model.problem import NORMS
-from ..report import as_lines
-from ..settings import AVERAGING, Settings, as_spacing
 from ..tuning.fidelity import LAM_METHODS
 from . import options
 from .group import sentences

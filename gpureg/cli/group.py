@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from .._version import __version__
-from ..batch import FAILURES, sentence
+from ..jobs.batch import FAILURES, sentence
 
 
 class _Failure(click.ClickException):

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from ..mesh_file import WEIGHTS, MeshSettings, mesh_file
-from ..mesh_report import as_lines
+from ..jobs.mesh import WEIGHTS, MeshSettings, mesh_file
+from ..jobs.mesh_report import as_lines
 from ..meshes.filters import FILTERS
 from ..model.problem import NORMS
 from . import options

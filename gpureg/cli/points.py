@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
+from ..jobs.points import POINT_WEIGHTS, PointsSettings, points_file
+from ..jobs.points_report import as_lines
 from ..model.problem import NORMS
 from ..points.filters import POINT_FILTERS
-from ..points_file import POINT_WEIGHTS, PointsSettings, points_file
-from ..points_report import as_lines
 from . import options
 from .group import sentences
 from .options import FILE

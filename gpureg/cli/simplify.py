@@ -10,14 +10,14 @@ from typing import Any
 import click
 
 from ..files.picture import checked_axes
+from ..jobs.denoise_settings import as_spacing
+from ..jobs.simplify import Simplification, simplify_file
+from ..jobs.simplify_report import as_lines
 from ..model.problem import NORMS
 from ..regions.graph import METRICS
 from ..regions.regions import WEIGHTS
 from ..regions.simplify import SOURCES
 from ..regions.values import MODELS
-from ..settings import as_spacing
-from ..simplify_file import Simplification, simplify_file
-from ..simplify_report import as_lines
 from . import options
 from .group import sentences
 from .options import FILE

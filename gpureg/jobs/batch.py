@@ -11,12 +11,12 @@ from pathlib import Path
 from statistics import fmean as mean
 from typing import Any
 
-from .backends import BackendUnavailable
-from .files.pictures import FORMATS, PictureError
-from .jobs.denoise import beside_of, denoise_file
-from .progress import progress_bar
+from ..backends import BackendUnavailable
+from ..files.pictures import FORMATS, PictureError
+from ..progress import progress_bar
+from .denoise import beside_of, denoise_file
+from .denoise_settings import Settings, rehearse
 from .report import axes_line, left_out, quality_line
-from .settings import Settings, rehearse
 
 # What may go wrong with one file and is told in a sentence.
 FAILURES = (PictureError, BackendUnavailable, FloatingPointError, MemoryError, ValueError, TypeError)

@@ -11,14 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from . import weights
-from .arrays import FloatArray, IntArray
+from .. import weights
+from ..arrays import FloatArray, IntArray
+from ..curves.denoise import Curves, curves_of, denoised_curves
+from ..curves.files import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
+from ..curves.simplify import Function, simplified_curves
+from ..curves.skeletons import Skeleton, skeleton
+from ..files.pictures import check_place, write_files
 from .curve_report import Worked, as_report
-from .curves.denoise import Curves, curves_of, denoised_curves
-from .curves.files import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
-from .curves.simplify import Function, simplified_curves
-from .curves.skeletons import Skeleton, skeleton
-from .files.pictures import check_place, write_files
 
 CURVE_WEIGHTS = ("constant", "inverse-distance", "inverse-square")
 
@@ -158,7 +158,7 @@ def _check_files(source: Path, target: Path, settings: CurveSettings) -> None:
         check_place(settings.skeleton)
         outputs.append(("--skeleton", settings.skeleton, [source, *read]))
     if settings.picture is not None:
-        from .plot.canvas import check_path
+        from ..plot.canvas import check_path
 
         try:
             check_path(settings.picture)
@@ -246,8 +246,8 @@ def _drawn(
     settings: CurveSettings,
     report: dict[str, Any],
 ) -> Any:
-    from .plot import curves
-    from .plot import skeleton as drawn
+    from ..plot import curves
+    from ..plot import skeleton as drawn
 
     if bones:
         return drawn(bones, caption=f"{report['skeleton']['branches']} branches")

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from . import metrics
-from ._version import __version__
-from .arrays import FloatArray, IntArray
-from .model.result import Result
+from .. import metrics
+from .._version import __version__
+from ..arrays import FloatArray, IntArray
+from ..model.result import Result
 from .report import number
 
 

@@ -16,10 +16,11 @@ import numpy.typing as npt
 from .. import plot
 from ..files.pictures import Picture, PictureError, check_destination, read_picture, write_picture
 from ..images.run import run_plan
-from ..layout import beside, inside_of, layout_of
 from ..progress import progress_bar
-from ..report import number, report_of
-from ..settings import Settings, expect_fitting, plan_of
+from .denoise_report import report_of
+from .denoise_settings import Settings, expect_fitting, plan_of
+from .report import number
+from .slices import beside, inside_of, layout_of
 
 
 def denoise_file(

@@ -10,16 +10,16 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import backends, weights
-from .graphs.edges import Metric
-from .images.choose import plan_denoising
-from .images.plan import AveragePatches, Centre, DenoisePlan
-from .images.run import run_plan
-from .model.problem import Norm
-from .noise.white import estimate_noise
-from .solvers import Jacobi, Solver
-from .tuning.fidelity import LamMethod
-from .weights import Weights
+from .. import backends, weights
+from ..graphs.edges import Metric
+from ..images.choose import plan_denoising
+from ..images.plan import AveragePatches, Centre, DenoisePlan
+from ..images.run import run_plan
+from ..model.problem import Norm
+from ..noise.white import estimate_noise
+from ..solvers import Jacobi, Solver
+from ..tuning.fidelity import LamMethod
+from ..weights import Weights
 
 Averaging = Literal["none", "plain", "weighted"]
 AVERAGING: dict[Averaging, AveragePatches] = {"none": False, "plain": True, "weighted": "weighted"}

@@ -10,15 +10,15 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import weights
-from .files.pictures import check_place, write_files
+from .. import weights
+from ..files.pictures import check_place, write_files
+from ..meshes.denoise import denoised
+from ..meshes.filters import Filter
+from ..meshes.reading import MeshError, check_format, read_mesh
+from ..meshes.simplify import simplified
+from ..meshes.writing import encode_mesh
+from ..shapes.surface import Surface, surface_of
 from .mesh_report import denoising_report, errors_of, simplification_report
-from .meshes.denoise import denoised
-from .meshes.filters import Filter
-from .meshes.reading import MeshError, check_format, read_mesh
-from .meshes.simplify import simplified
-from .meshes.writing import encode_mesh
-from .shapes.surface import Surface, surface_of
 
 WEIGHTS = ("constant", "inverse-distance", "inverse-square", "cotangent")
 
@@ -165,7 +165,7 @@ def _check_files(source: Path, target: Path, settings: MeshSettings) -> None:
     read = [path for path in (settings.reference,) if path is not None]
     outputs = [("OUT", target, read)]
     if settings.picture is not None:
-        from .plot.canvas import check_path
+        from ..plot.canvas import check_path
 
         try:
             check_path(settings.picture)
@@ -220,7 +220,7 @@ def _put(mesh: Any, name: str, values: npt.NDArray[Any]) -> None:
 def _drawn(
     before: Surface, after: Surface, truth: Surface | None, settings: MeshSettings, report: dict[str, Any]
 ) -> Any:
-    from .plot import meshes
+    from ..plot import meshes
 
     drawn = {
         title: (surface.vertices, surface.faces)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from . import metrics
-from ._version import __version__
-from .meshes.denoise import MeshDenoising
-from .meshes.simplify import MeshSimplification
+from .. import metrics
+from .._version import __version__
+from ..meshes.denoise import MeshDenoising
+from ..meshes.simplify import MeshSimplification
+from ..shapes.surface import Surface
 from .report import number
-from .shapes.surface import Surface
 
 
 def denoising_report(before: Surface, after: Surface, found: MeshDenoising) -> dict[str, Any]:

@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import weights
-from .files.pictures import check_place, write_files
-from .points.cluster import cluster_points
-from .points.denoise import denoised
-from .points.files import PointsError, PointsFile, encode_points, point_format, read_points
-from .points.filters import PointFilter
+from .. import weights
+from ..files.pictures import check_place, write_files
+from ..points.cluster import cluster_points
+from ..points.denoise import denoised
+from ..points.files import PointsError, PointsFile, encode_points, point_format, read_points
+from ..points.filters import PointFilter
 from .points_report import clustering_report, denoising_report, errors_of
 
 POINT_WEIGHTS = ("constant", "inverse-distance", "inverse-square")
@@ -168,7 +168,7 @@ def _check_files(source: Path, target: Path, settings: PointsSettings) -> None:
     read = [path for path in (settings.reference,) if path is not None]
     outputs = [("OUT", target, read)]
     if settings.picture is not None:
-        from .plot.canvas import check_path
+        from ..plot.canvas import check_path
 
         try:
             check_path(settings.picture)
@@ -213,7 +213,7 @@ def _typed(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> npt.NDArray[Any]
 def _drawn(
     before: npt.NDArray[Any], after: npt.NDArray[Any], colours: Any, settings: PointsSettings, report: dict[str, Any]
 ) -> Any:
-    from .plot import points
+    from ..plot import points
 
     d = before.shape[1]
     if d not in (2, 3):

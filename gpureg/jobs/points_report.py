@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import metrics
-from ._version import __version__
-from .arrays import FloatArray
-from .points.denoise import PointDenoising
-from .points.files import PointsFile
+from .. import metrics
+from .._version import __version__
+from ..arrays import FloatArray
+from ..points.denoise import PointDenoising
+from ..points.files import PointsFile
 from .report import number
 
 

@@ -11,18 +11,18 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import weights
-from .files.picture import Tags
-from .files.pictures import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
-from .graphs.edges import Metric
-from .layout import Layout, beside, inside_of, layout_of
-from .model.problem import Norm
-from .progress import progress_bar
-from .regions.regions import Regions, WeightKind
-from .regions.simplify import SourceKind, simplify_image
-from .regions.values import Model
+from .. import weights
+from ..files.picture import Tags
+from ..files.pictures import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
+from ..graphs.edges import Metric
+from ..model.problem import Norm
+from ..progress import progress_bar
+from ..regions.regions import Regions, WeightKind
+from ..regions.simplify import SourceKind, simplify_image
+from ..regions.values import Model
+from ..weights import Weights
 from .simplify_report import Errors, report_of, run_of
-from .weights import Weights
+from .slices import Layout, beside, inside_of, layout_of
 
 Kind = WeightKind | Literal["bilateral"]
 

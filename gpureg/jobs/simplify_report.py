@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._version import __version__
-from .files.pictures import Picture
-from .regions.regions import Regions
-from .regions.simplify import ENOUGH
+from .._version import __version__
+from ..files.pictures import Picture
+from ..regions.regions import Regions
+from ..regions.simplify import ENOUGH
 from .report import about, axes_line, done_line, left_out, number
 
 _SOURCES = {"extrema": "regional extrema of the intensity", "gradient": "regional minima of the gradient"}

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .files.picture import AXES
-from .files.pictures import Picture, PictureError, read_picture
+from ..files.picture import AXES
+from ..files.pictures import Picture, PictureError, read_picture
 
 
 @dataclass(frozen=True)
