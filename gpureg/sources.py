@@ -1,4 +1,4 @@
-"""Sources of the energy partition (section 5.2), as label images: what :func:`gpureg.simplify_image` grows zones from."""
+"""Sources of the energy partition (section 5.2): the places that :func:`gpureg.simplify_image` grows zones from."""
 
 from __future__ import annotations
 

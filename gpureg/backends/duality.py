@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .types import Array, Conductance, Weighted
 
 
-class Optimization(ABC):
+class Duality(ABC):
     """What a certified or accelerated solver asks of a device besides the paper's primitives."""
 
     @abstractmethod

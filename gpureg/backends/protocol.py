@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
-from .duality import Optimization
+from .duality import Duality
 from .patches import (
     PatchForm,
 )
@@ -23,7 +23,7 @@ from .types import Array, Conductance, Device, EdgeNorm, Storage, Weighted
 from .zones import Zones
 
 
-class Backend(Optimization, Zones):
+class Backend(Duality, Zones):
     """One device computing in one floating-point type.
 
     Parameters

@@ -22,6 +22,7 @@ def number(value: float) -> float | str:
 
 
 def run_of(plan: DenoisePlan, result: Result) -> dict[str, Any]:
+    """What a report says of one run of the model."""
     return {
         "sigma": plan.sigma,
         "sigma_estimated": plan.estimated,

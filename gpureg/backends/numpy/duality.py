@@ -98,7 +98,7 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
     return found
 
 
-class NumpyOptimization(NumpyGraph):
+class NumpyDuality(NumpyGraph):
     """The primitives of the certified solvers in numpy."""
 
     def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:

@@ -6,7 +6,6 @@ edges, a stored graph a loop over blocks of rows.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,6 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import AnyGraph, GridGraph
-from ..patches import padded_shape
 from ..protocol import Backend
 from ..types import Array, Conductance, EdgeNorm, Weighted, host_weights
 
@@ -142,11 +140,6 @@ class NumpyGraph(Backend):
         if isinstance(graph, GridGraph):
             return graph.n_vertices * graph.half_window * (2 if directed else 1) * self.dtype.itemsize
         return graph.n_edges * self.dtype.itemsize
-
-    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        # the padded function, a copy, a difference and its square; distances and sums of slabs on the way
-        cells = math.prod(padded_shape(graph, radius)) * self.dtype.itemsize
-        return (cells * channels,) * 4 + (cells,) * 4
 
     def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
         # sums, terms and what they are made of, over the vertices or over a block of edges

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..duality import ProxCase, prox_case
 from ..types import Array, Conductance, Weighted
-from .launching import Function, OpenCLGraph
+from .buffers import Function
+from .launching import OpenCLLaunches
 
 # PROX of ``prox.cl``
 _PROX: dict[ProxCase, int] = {"newton": 0, "ball": 1, "square": 2, "power": 3}
@@ -25,7 +26,7 @@ def _norms(channels: int, p: float, eps: float, coupled: bool, edge_norm: bool) 
     )
 
 
-class OpenCLOptimization(OpenCLGraph):
+class OpenCLDuality(OpenCLLaunches):
     """What the certified solvers ask of a device."""
 
     def _over(self, over: float | Array) -> tuple[list[Any], tuple[str, ...]]:

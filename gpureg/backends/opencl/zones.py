@@ -8,13 +8,13 @@ import numpy as np
 
 from ...graphs.grid import AnyGraph, GridGraph
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
-from .launching import OpenCLGraph
+from .launching import OpenCLLaunches
 from .layout import CsrLayout, round_up
 
 _GPU_GROUP = 64
 
 
-class OpenCLZones(OpenCLGraph, Rounds):
+class OpenCLZones(OpenCLLaunches, Rounds):
     """Rounds of ``influence_zones.cl``."""
 
     def _settled(

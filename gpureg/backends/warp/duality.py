@@ -10,7 +10,7 @@ import warp as wp
 from ...kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
 from ..duality import prox_case
 from ..types import Array, Conductance, Weighted
-from .launching import WarpGraph
+from .launching import WarpLaunches
 from .layout import channels_of
 
 
@@ -19,7 +19,7 @@ def _of(over: float | Array) -> int:
     return channels_of(over) if isinstance(over, wp.array) else 0
 
 
-class WarpOptimization(WarpGraph):
+class WarpDuality(WarpLaunches):
     """What the certified solvers ask of a device."""
 
     def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:

@@ -33,7 +33,7 @@ from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
 
 
-class WarpGraph(Backend):
+class WarpLaunches(Backend):
     """Graphs and functions on a Warp device, and launches of kernels over them."""
 
     name = "warp"

@@ -10,7 +10,7 @@ import warp as wp
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import influence_zones
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
-from .launching import WarpGraph
+from .launching import WarpLaunches
 from .layout import Csr
 from .pool import cores
 
@@ -18,7 +18,7 @@ from .pool import cores
 _READS = 32
 
 
-class WarpZones(WarpGraph, Rounds):
+class WarpZones(WarpLaunches, Rounds):
     """Rounds of ``influence_zones.py``."""
 
     def _settled(

@@ -1,0 +1,168 @@
+"""The primitives that compare patches, in OpenCL."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...graphs.grid import AnyGraph, GridGraph
+from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
+from ..types import Array, Device, Storage, Weighted, expect_storage, expect_stored
+from .buffers import Recomputed
+from .launching import OpenCLLaunches
+from .layout import GridLayout
+from .strips import PACKS, ROWS, Strips, exp2_scale
+
+
+class OpenCLPatches(OpenCLLaunches):
+    """Weights computed from patches, and one step with weights that are not stored."""
+
+    averages = True
+    storages = ("full", "half", "none")
+
+    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
+        super().__init__(device, dtype)
+        if device.kind == "cpu":
+            self.row_block, self.column_block = ROWS, PACKS * self.lanes
+
+    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
+        if not isinstance(graph, GridGraph):
+            return (channels * math.prod(padded_shape(graph, radius)) * self.dtype.itemsize,)
+        return self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+
+    def _plane_bytes(self, strips: Strips, channels: int) -> tuple[int, ...]:
+        """Padded planes of so many channels, and the mask's."""
+        plane = strips.plane * self.dtype.itemsize
+        return (channels * plane, *(() if strips.graph.mask is None else (plane,)))
+
+    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
+        strips = self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1 + channels)
+        arrays = self._plane_bytes(strips, channels)
+        if guide is not None:
+            arrays += self._plane_bytes(strips, guide)[:1]
+        if graph.ndim == 2 and not strips.gpu:
+            slots = strips.slots()
+            arrays += (slots.ring * slots.blocks * slots.size * self.dtype.itemsize,)
+        return arrays
+
+    def _recomputed(self, graph: GridGraph, f: FloatArray, form: PatchForm, half: FloatArray) -> Recomputed:
+        channels, masked = f.shape[1], graph.mask is not None
+        if graph.mask is not None:
+            f = np.concatenate([f, graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+        scale = exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))
+        nearness = self.upload(half.astype(self.dtype))
+        return Recomputed(self.put(graph, f).buffer, nearness, channels, scale, masked, form)
+
+    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+        expect_storage(graph, form, storage)
+        topology, f = self._topology(graph), np.asarray(f, self.dtype)
+        similarity = () if form.scale is None else ("-DSIMILARITY",)
+        if isinstance(topology, GridLayout):
+            assert isinstance(graph, GridGraph)
+            half = np.ones(topology.H) if form.spatial is None else form.spatial
+            if storage == "none":
+                return Weighted(graph, topology, self._recomputed(graph, f, form, half), storage=storage)
+            itemsize = 2 if storage == "half" else self.dtype.itemsize
+            weights = self._between_zeros(topology.weight_size(), topology.weight_guard, itemsize)
+            if topology.H:
+                strips = self._strips(graph, form, 1)
+                planes = self.upload(strips.planes(f))
+                steps = graph.forward_offsets.astype(np.int32)
+                args = strips.args(self.upload, planes, steps, half, self.real)
+                args += [np.int64(topology.weight_pitch), np.int64(topology.weight_guard), weights]
+                options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
+                options += ("-DHALF_WEIGHTS",) if storage == "half" else ()
+                self._launch_strips("patch_distance", options, args, strips.size, strips)
+            return Weighted(graph, topology, weights, storage=storage)
+        weights = self._allocate(topology.weight_size() * self.dtype.itemsize)
+        padded, sites = padded_for_patches(graph, f, form.radius)
+        channels, shape = padded.shape[0], padded.shape[1:]
+        window = form.window(len(shape))
+        jumps = patch_jumps(window.shape, shape)
+        spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
+        args = [
+            self.upload(padded),
+            np.int64(padded[0].size),
+            np.int32(len(jumps)),
+            self.upload(jumps),
+            self.upload(window.ravel().astype(self.dtype)),
+            self.real(form.shift),
+            self.real(exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))),
+            self.real(form.cut),
+            self.upload(sites),
+            spatial,
+            self._nothing if form.maps is None else self.upload(form.maps.astype(self.dtype)),
+            weights,
+        ]
+        options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
+        options += () if form.maps is None else ("-DMAPS",)
+        self._run("patch_distance", Weighted(graph, topology, None), args, options)
+        return Weighted(graph, topology, weights)
+
+    def similarity_step(
+        self,
+        graph: GridGraph,
+        f: FloatArray,
+        form: PatchForm,
+        f0: Array,
+        lam: float | Array,
+        *,
+        guide: FloatArray | None = None,
+        largest: bool = False,
+        out: Array | None = None,
+    ) -> Array:
+        if form.scale is None:
+            return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
+        layout = self._topology(graph)
+        assert isinstance(layout, GridLayout)
+        M = f.shape[1]
+        out = self.empty(graph, M) if out is None else out
+        strips = self._strips(graph, form, 1 + M)
+        values = self.upload(strips.planes(np.asarray(f, self.dtype)))
+        compared, Q = values, M
+        if guide is not None:
+            compared, Q = self.upload(strips.planes(np.asarray(guide, self.dtype))), guide.shape[1]
+        lams, lam_options = self._lam(lam)
+        function = [
+            np.int64(layout.pitch),
+            np.int64(layout.plane),
+            np.int64(layout.guard),
+            f0.buffer,
+            *lams,
+            out.buffer,
+        ]
+        options = (*strips.options(Q), f"-DM={M}")
+        options += ("-DLARGEST",) if largest else ()
+        pairs = graph.ndim == 2 and not strips.gpu and not largest
+        args = [*strips.args(self.upload, compared, *strips.offsets(pairs), self.real), values]
+        if not pairs:
+            self._launch_strips("similarity_step", (*options, *lam_options), [*args, *function], strips.size, strips)
+            return out
+        slots = strips.slots()
+        options += (f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
+        blocks, ring = np.int32(slots.blocks), np.int32(slots.ring)
+        sizes = [np.int32(s) for s in graph.shape]
+        with self._shared.lock:
+            buffer = self._scratch(slots.ring * slots.blocks * slots.size)
+            for first in range(0, slots.strips, slots.at_once):
+                size = (slots.blocks, min(slots.at_once, slots.strips - first))
+                place = [np.int32(first), blocks, ring, buffer]
+                self._launch_strips("similarity_step", (*options, "-DPAIRS"), [*args, *place], size, strips)
+                finish = [*sizes, *place, *function]
+                self._launch_strips("similarity_step", (*options, *lam_options, "-DSLOTS"), finish, size, strips)
+        return out
+
+    def aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
+    ) -> Array:
+        grid = expect_stored(weighted)
+        out = self.empty(grid, f.channels) if out is None else out
+        lines = patch_lines(grid, radius)
+        if weighted.weights is None:
+            weighted = self.prepare(grid, grid.unit_half_weights())
+        args = [np.int32(len(lines)), self.upload(lines), f.buffer, share.buffer, centre.buffer, out.buffer]
+        self._run("aggregate", weighted, args, (f"-DM={f.channels}", f"-DR={radius}"))
+        return out
