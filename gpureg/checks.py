@@ -3,49 +3,140 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 
-def check_size(name: str, value: Any) -> None:
-    """Refuse what is neither None nor a finite number >= 0.
+def number(
+    name: str,
+    value: Any,
+    *,
+    low: float | None = None,
+    above: float | None = None,
+    high: float | None = None,
+    below: float | None = None,
+    finite: bool = True,
+) -> float:
+    """A real number, checked.
+
+    Parameters
+    ----------
+    name : str
+        The parameter, for the error.
+    value : object
+        What was given. True and False are no numbers.
+    low, high : float, optional
+        The value lies in low <= value <= high.
+    above, below : float, optional
+        The value lies in above < value < below.
+    finite : bool, default True
+        Whether infinity is refused; NaN always is.
+
+    Returns
+    -------
+    float
 
     Raises
     ------
-    TypeError, ValueError
+    TypeError
+        No number.
+    ValueError
+        A number out of its range.
+
+    Examples
+    --------
+    >>> number("sigma", 3, low=0)
+    3.0
+    >>> number("sigma", -1, low=0)
+    Traceback (most recent call last):
+    ValueError: sigma must be finite and >= 0, got -1
     """
-    if value is None:
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        raise TypeError(f"{name} must be a number, got {value!r}")
+    _expect_inside(name, value, low, above, high, below, finite)
+    return float(value)
+
+
+def integer(name: str, value: Any, *, low: int | None = None, high: int | None = None) -> int:
+    """A whole number, checked; 3.0 is none.
+
+    Raises
+    ------
+    TypeError
+        No integer.
+    ValueError
+        An integer out of low..high.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be an integer, got {value!r}")
+    _expect_inside(name, value, low, None, high, None, False)
+    return int(value)
+
+
+def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+    """One of several words, checked.
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+    """
+    words = tuple(allowed)
+    if not isinstance(value, str) or value not in words:
+        raise ValueError(f"{name} must be {either(words)}, got {value!r}")
+    return value
+
+
+def either(words: Iterable[str]) -> str:
+    """Words as a list for a sentence: "a", "b" or "c"."""
+    quoted = [f'"{word}"' for word in words]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, checked.
+
+    Raises
+    ------
+    TypeError
+        Anything else.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def _expect_inside(
+    name: str,
+    value: Any,
+    low: float | None,
+    above: float | None,
+    high: float | None,
+    below: float | None,
+    finite: bool,
+) -> None:
+    """ValueError unless the value lies in its range."""
+    inside = (
+        not math.isnan(value)
+        and (low is None or value >= low)
+        and (above is None or value > above)
+        and (high is None or value <= high)
+        and (below is None or value < below)
+    )
+    if inside and not (finite and math.isinf(value)):
         return
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise TypeError(f"{name} must be a number, got {value!r}")
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} must be finite and >= 0, got {value}")
-
-
-def check_settings(settings: dict[str, Any], *, integers: tuple[str, ...] = ("check_every",)) -> None:
-    """TypeError or ValueError unless these settings of a solver are numbers; the integers at least 1."""
-    for name, value in settings.items():
-        kinds = (int, np.integer) if name in integers else (int, float, np.number)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, kinds)):
-            raise TypeError(f"{name} must be {'an integer' if name in integers else 'a number'}, got {value!r}")
-        if name in integers and not (value is not None and value >= 1):
-            raise ValueError(f"{name} must be >= 1, got {value}")
-
-
-def positive(name: str, value: float, *, infinite: bool = False) -> float:
-    """A number > 0, checked."""
-    if not isinstance(value, int | float | np.floating | np.integer) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
-    if not value > 0 or (math.isinf(value) and not infinite):
-        raise ValueError(f"{name} must be > 0{'' if infinite else ' and finite'}, got {value}")
-    return float(value)
-
-
-def share(name: str, value: float) -> float:
-    """A number in 0..1, checked."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-        raise TypeError(f"{name} must be a number, got {value!r}")
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name} must lie in 0..1, got {value}")
-    return float(value)
+    begin, end = low if above is None else above, high if below is None else below
+    bounded = begin is not None and end is not None
+    if bounded and above is None and below is None:
+        allowed = f"lie in {begin:g}..{end:g}"
+    elif bounded:
+        allowed = f"lie in {'[' if above is None else '('}{begin:g}, {end:g}{']' if below is None else ')'}"
+    else:
+        ends = [("be >= ", low), ("be > ", above), ("be <= ", high), ("be < ", below)]
+        allowed = " ".join(f"{word}{at:g}" for word, at in ends if at is not None)
+        if finite:
+            allowed = f"be finite and {allowed.removeprefix('be ')}" if allowed else "be finite"
+        allowed = allowed or "not be NaN"
+    raise ValueError(f"{name} must {allowed}, got {value}")

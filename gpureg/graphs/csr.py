@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, frozen, integers
+from ..checks import integer
 from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize, check_weights, refuse_loops, symmetrized
 
 if TYPE_CHECKING:
@@ -181,8 +182,8 @@ class Graph:
         pairs = integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
         if pairs.shape[1] != 2:
             raise ValueError(f"edges must have shape (E, 2), got {pairs.shape}")
-        if n_vertices is not None and (isinstance(n_vertices, bool) or not isinstance(n_vertices, int | np.integer)):
-            raise TypeError(f"n_vertices must be an integer, got {n_vertices!r}")
+        if n_vertices is not None:
+            integer("n_vertices", n_vertices, low=1)
         n = int(pairs.max()) + 1 if n_vertices is None and len(pairs) else n_vertices
         if n is None or n < 1:
             raise ValueError("a graph without edges needs n_vertices >= 1")

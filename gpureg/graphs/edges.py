@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import choice
 
 Metric = Literal["chebyshev", "euclidean", "cityblock"]
 METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
@@ -50,8 +51,8 @@ def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, 
 
 def check_symmetrize(symmetrize: str | None) -> None:
     """Refuse what is no value of `symmetrize`."""
-    if symmetrize is not None and symmetrize not in SYMMETRIZE:
-        raise ValueError(f'symmetrize must be None, "max", "mean" or "mutual", got {symmetrize!r}')
+    if symmetrize is not None:
+        choice("symmetrize", symmetrize, SYMMETRIZE)
 
 
 def refuse_loops(rows: IntArray, columns: IntArray) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import BLOCK_ENTRIES, FloatArray, IntArray, frozen
+from ..checks import choice, number
 from .csr import Graph
 from .edges import METRICS, Metric, check_weights, checked_spacing
 
@@ -69,12 +70,9 @@ class GridGraph:
         sizes = tuple(np.atleast_1d(np.asarray(shape)).tolist())
         if not sizes or any(type(s) is not int or s < 1 for s in sizes):
             raise ValueError(f"shape must hold one or more integers >= 1, got {shape}")
-        if metric not in METRICS:
-            raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
+        choice("metric", metric, METRICS)
         steps = checked_spacing(spacing, len(sizes))
-        if isinstance(radius, bool) or not isinstance(radius, int | float | np.integer | np.floating):
-            raise TypeError(f"radius must be a number, got {radius!r}")
-        if not radius >= min(steps or (1.0,)):
+        if number("radius", radius, above=0, finite=False) < min(steps or (1.0,)):
             raise ValueError(f"radius must reach the nearest neighbour, got {radius}")
         inside: npt.NDArray[np.bool_] | None = None
         if mask is not None:

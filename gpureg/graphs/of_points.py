@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_points
+from ..checks import choice, integer, number
 from .csr import Graph
 
 
@@ -47,20 +48,17 @@ def knn_graph(
            [0, 0, 1, 0]])
     """
     positions = checked_points(points)
-    if isinstance(k, bool) or not isinstance(k, int | np.integer):
-        raise TypeError(f"k must be an integer, got {k!r}")
-    if k < 1:
-        raise ValueError(f"k must be at least 1 neighbour, got {k}")
-    if symmetrize not in ("max", "mutual"):
-        raise ValueError(
-            f'symmetrize must be "max" (either chose the other) or "mutual" (both did), got {symmetrize!r}'
-        )
+    integer("k", k, low=1)
+    number("reach", reach, above=0, finite=False)
+    choice("symmetrize", symmetrize, ("max", "mutual"))
     n = len(positions)
     most = min(int(k), n - 1)
     if most == 0:
         return Graph.from_edges([], n_vertices=n, positions=positions)
     # The point itself is among its nearest, though not always the first where others coincide with it.
-    distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=_reach(reach))
+    distance, near = _tree(positions).query(
+        positions, k=most + 1, distance_upper_bound=number("reach", reach, above=0, finite=False)
+    )
     rows = np.repeat(np.arange(n), most + 1)
     chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
     # Where it is not even there, for so many coincide, the furthest is left out in its place.
@@ -97,7 +95,7 @@ def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
     Graph(3 vertices, 1 undirected edges, unweighted)
     """
     positions = checked_points(points)
-    pairs = _tree(positions).query_pairs(_reach(radius, "radius"), output_type="ndarray")
+    pairs = _tree(positions).query_pairs(number("radius", radius, above=0, finite=False), output_type="ndarray")
     return Graph.from_edges(pairs, n_vertices=len(positions), positions=positions)
 
 
@@ -106,11 +104,3 @@ def _tree(positions: FloatArray) -> Any:
 
     # Unbalanced trees are built several times as fast, and found as fast in.
     return cKDTree(positions, balanced_tree=False)
-
-
-def _reach(length: float, name: str = "reach") -> float:
-    if isinstance(length, bool) or not isinstance(length, int | float | np.integer | np.floating):
-        raise TypeError(f"{name} must be a number, got {length!r}")
-    if not length > 0:
-        raise ValueError(f"{name} must be > 0, got {length}")
-    return float(length)

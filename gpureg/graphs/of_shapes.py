@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces, checked_points
+from ..checks import integer
 from .csr import Graph
 
 Across = Literal["edge", "vertex"]
@@ -108,8 +109,7 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
 
     positions = checked_points(vertices, "vertices")
     corners = checked_faces(faces, len(positions))
-    if across not in ("edge", "vertex"):
-        raise ValueError(f'across must be "edge" or "vertex", what neighbouring faces share, got {across!r}')
+    choice("across", across, ("edge", "vertex"))
     n_faces, k = corners.shape
     if n_faces == 0:
         raise ValueError("there is no face to make a graph of")
@@ -207,10 +207,7 @@ def ring_graph(graph: Graph, rings: int) -> Graph:
 
     if not isinstance(graph, Graph):
         raise TypeError(f"graph must be a Graph, got {type(graph).__name__}: a GridGraph takes a radius")
-    if isinstance(rings, bool) or not isinstance(rings, int | np.integer):
-        raise TypeError(f"rings must be an integer, got {rings!r}")
-    if rings < 1:
-        raise ValueError(f"rings must be at least 1, got {rings}")
+    integer("rings", rings, low=1)
     n = graph.n_vertices
     A = sparse.csr_array((np.ones(graph.n_edges, bool), graph.indices, graph.indptr), shape=(n, n))
     near, ring = A, A

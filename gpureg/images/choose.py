@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..graphs.edges import Metric
 from ..graphs.grid import GridGraph
+from ..model.problem import Norm
 from ..noise.white import estimate_noise
 from ..solvers import Certified, Solver, resolve
 from ..tuning.explanation import reasons_for
@@ -39,7 +40,7 @@ def plan_denoising(
     weights: Weights | npt.ArrayLike | None = None,
     guide: npt.ArrayLike | None = None,
     nearest: int | None = None,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     solver: str | Solver = "jacobi",
     max_iter: int | None = None,
     tol: float | None = None,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy.typing as npt
 
 from ..graphs.edges import Metric
+from ..model.problem import Norm
 from ..solvers import Solver
 from ..solvers.loop import Callback
 from ..tuning.fidelity import LamMethod
@@ -31,7 +32,7 @@ def denoise_image(
     guide: npt.ArrayLike | None = None,
     nearest: int | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     coupled: bool = True,
     solver: str | Solver = "jacobi",
     max_iter: int | None = None,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..graphs.edges import Metric
 from ..graphs.grid import GridGraph
-from ..model.problem import default_eps
+from ..model.problem import Norm, default_eps
 from ..model.result import Interrupted
 from ..regularization.harmonic import harmonic
 from ..regularization.regularize import regularize
@@ -32,7 +32,7 @@ def inpaint_image(
     radius: float | None = None,
     metric: Metric | None = None,
     weights: Weights | npt.ArrayLike | None = None,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     update_weights: int | None = None,
     solver: str | Solver = "jacobi",
     max_iter: int = 2000,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_flags, checked_values
-from ..checks import check_size
+from ..checks import number
 from ..graphs.of_shapes import mesh_graph
 from ..model.result import Result
 from ..shapes.surface import Surface, border_vertices, surface_of
@@ -289,8 +289,10 @@ def _check(
         raise ValueError("Taubin's pair knows no p, lam or sigma: leave them out, or taubin")
     if values is not None and max_displacement is not None:
         raise ValueError("max_displacement bounds how far vertices move; values stay where they are")
-    check_size("sigma", sigma)
-    check_size("max_displacement", max_displacement)
+    if sigma is not None:
+        number("sigma", sigma, low=0)
+    if max_displacement is not None:
+        number("max_displacement", max_displacement, low=0)
 
 
 def _fidelity(lam: Any, which: IntArray, k: int) -> float | FloatArray:

@@ -13,9 +13,11 @@ import numpy.typing as npt
 
 from .. import backends
 from ..backends import Backend
+from ..checks import choice, flag, integer, number
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
+from .problem import Norm
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -130,7 +132,7 @@ def memory_needed(
     p: float = 2.0,
     lam: float | npt.ArrayLike = 1.0,
     weights: Weights | npt.ArrayLike | None = None,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     coupled: bool = True,
     stored: bool = True,
     backend: str = "auto",
@@ -170,13 +172,14 @@ def memory_needed(
     """
     if not isinstance(graph, Graph | GridGraph):
         raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
-    if isinstance(channels, bool) or not isinstance(channels, int | np.integer) or channels < 1:
-        raise ValueError(f"channels must be an integer >= 1, got {channels!r}")
+    channels = integer("channels", channels, low=1)
+    p, norm = number("p", p, above=0), choice("norm", norm, ("vertex", "edge"))
+    coupled, stored = flag("coupled", coupled), flag("stored", stored)
     if not stored and (patch_weights(weights) is None or not isinstance(graph, GridGraph)):
         raise ValueError("stored=False needs bilateral or patch weights on a GridGraph: others have to be stored")
     job = Job(
-        channels=int(channels),
-        norms=0 if p == 2 or norm == "edge" else 1 if coupled else int(channels),
+        channels=channels,
+        norms=0 if p == 2 or norm == "edge" else 1 if coupled else channels,
         weights=weights.on(graph) if isinstance(weights, Weights) else None if weights is None else np.asarray(weights),
         per_vertex=np.ndim(lam) > 0,
         stored=stored,
@@ -196,11 +199,7 @@ def budget(backend: Backend, memory: int | None) -> Budget:
     limits = [int(device.memory * _SHARES[device.kind])] if device.memory else []
     asked = []
     if memory is not None:
-        if isinstance(memory, bool) or not isinstance(memory, int | np.integer):
-            raise TypeError(f"memory must be a number of bytes, got {memory!r}")
-        if memory < 1:
-            raise ValueError(f"memory must be >= 1 byte, got {memory}")
-        asked.append(int(memory))
+        asked.append(integer("memory", memory, low=1))
     named = os.environ.get("GPUREG_MEMORY", "").strip()
     if named:
         try:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, all_finite, unmasked
+from ..checks import choice, flag, number
 from ..graphs.csr import Graph
 from ..graphs.edges import check_weights, opposite_edges
 from ..graphs.grid import AnyGraph, GridGraph
@@ -140,7 +141,7 @@ class Problem:
         lam: float | npt.ArrayLike,
         weights: Weights | npt.ArrayLike | None,
         gamma: str | npt.ArrayLike,
-        norm: str,
+        norm: Norm,
         coupled: bool,
         eps: float | None,
         dtype: np.dtype[Any],
@@ -153,17 +154,12 @@ class Problem:
         if not isinstance(graph, Graph | GridGraph):
             raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
         data = as_function(graph, f0, "f0")
-        if isinstance(p, bool) or not isinstance(p, int | float | np.integer | np.floating):
-            raise TypeError(f"p must be a number, got {type(p).__name__}")
-        if not (math.isfinite(p) and p > 0):
-            raise ValueError(f"p must be finite and > 0, got {p}")
+        p = number("p", p, above=0)
         edge_factor = as_gamma(graph, gamma)
         if not isinstance(edge_factor, str) and weights is not None:
             raise ValueError("gamma as an array stands in the place of the weights: leave weights=None")
-        if norm not in NORMS:
-            raise ValueError(f"norm must be one of {', '.join(NORMS)}, got {norm!r}")
-        if not isinstance(coupled, bool | np.bool_):
-            raise TypeError(f"coupled must be True or False, got {coupled!r}")
+        choice("norm", norm, NORMS)
+        coupled = flag("coupled", coupled)
         given: Weights | FloatArray | None
         if weights is None or isinstance(weights, Weights):
             given = None if weights is None else weights.on(graph)
@@ -178,12 +174,12 @@ class Problem:
         return cls(
             graph,
             data,
-            float(p),
+            p,
             _as_pinned(graph, as_lam(graph, lam)),
             given,
             edge_factor,
             norm,
-            bool(coupled),
+            coupled,
             _check_eps(eps, p, _inside(graph, data), dtype, smoothed),
         )
 
@@ -221,10 +217,7 @@ def default_eps(f0: FloatArray, p: float) -> float:
 def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any], smoothed: bool) -> float:
     if eps is None:
         eps = default_eps(f0, p) if smoothed else 0.0
-    if isinstance(eps, bool) or not isinstance(eps, int | float | np.integer | np.floating):
-        raise TypeError(f"eps must be a number, got {type(eps).__name__}")
-    if not (math.isfinite(eps) and eps >= 0):
-        raise ValueError(f"eps must be finite and >= 0, got {eps}")
+    eps = number("eps", eps, low=0)
     if p < 2 and (smoothed or eps > 0):
         limits = np.finfo(dtype)
         # (g2 + eps^2)^((p - 2)/2) must stay finite where the data is flat, and so must sums of a few thousand of them.
@@ -233,4 +226,4 @@ def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]
                 f"eps = {eps:g} is too small for p = {p:g} in {dtype}: 1/eps^(2-p) must be finite. Use a larger eps "
                 "(None picks 1e-3 of the data's range), or float64"
             )
-    return float(eps)
+    return eps

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import number
 from .blocks import AT_LEAST, SMOOTHEST, blocks, measured, smoothest, top
 
 # Classes of brightness in which photon noise is measured, and how often their line is fitted anew.
@@ -91,8 +92,7 @@ def estimate_photon_noise(
     >>> round(found.gain, 1), round(found.read_noise)
     (2.0, 6)
     """
-    if isinstance(offset, bool) or not isinstance(offset, int | float | np.number) or not math.isfinite(offset):
-        raise ValueError(f"offset must be a finite number, the image's value without light, got {offset!r}")
+    offset = number("offset", offset)
     parts = []
     for channel in blocks(image, channel_axis, mask):
         for block, kept in channel:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy.typing as npt
 
 from ..graphs.grid import AnyGraph
+from ..model.problem import Norm
 from ..weights.base import AnyWeights
 from .on_device import put_function
 
@@ -32,7 +33,7 @@ def energy(
     lam: float | npt.ArrayLike,
     *,
     eps: float = 0.0,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     coupled: bool = True,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray
+from ..checks import number
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem, as_function
@@ -26,8 +27,7 @@ def put_function(
     f0: npt.ArrayLike | None = None,
 ) -> tuple[DeviceProblem, FloatArray]:
     """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
-    if isinstance(eps, bool) or not isinstance(eps, int | float | np.number):
-        raise TypeError(f"eps must be a number, got {eps!r}")
+    number("eps", eps, low=0)
     kind = np.dtype(settings["dtype"] or np.float32)
     make = {"p": p, "lam": lam, "weights": settings["weights"], "gamma": settings["gamma"]}
     make["norm"] = settings.get("norm", "vertex")

@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..checks import number
 from ..graphs.grid import AnyGraph
+from ..model.problem import Norm
 from ..weights.base import AnyWeights
 from .on_device import bare, put_function
 
@@ -50,10 +52,7 @@ def gradient_norm(
     array([3., 3., 0.], dtype=float32)
     """
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
-    if isinstance(p, bool) or not isinstance(p, int | float | np.number):
-        raise TypeError(f"p must be a number, got {p!r}")
-    if not (np.isfinite(p) and p > 0):
-        raise ValueError(f"p must be finite and > 0, got {p}")
+    number("p", p, above=0)
     on, function = put_function(f, graph, 2.0, eps, coupled, settings)
     powers = {"power": 0.5} if p == 2 else {"power": 1 / float(p), "edge_power": float(p) / 2}
     norm = on.backend.gradient_norm(on.weighted, on.put_function(function), eps=on.eps, coupled=coupled, **powers)
@@ -68,7 +67,7 @@ def p_laplacian(
     p: float,
     *,
     eps: float = 0.0,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     coupled: bool = True,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",

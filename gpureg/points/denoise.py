@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_flags, checked_values
-from ..checks import check_size
+from ..checks import number
 from ..model.result import Result
 from ..shapes.cloud import cloud_of
 from ..solvers import Solver
@@ -258,8 +258,10 @@ def denoised(
     begin = time.perf_counter()
     n, d = points.shape
     chosen = _chosen(filter, d, values is not None)
-    check_size("sigma", sigma)
-    check_size("max_displacement", max_displacement)
+    if sigma is not None:
+        number("sigma", sigma, low=0)
+    if max_displacement is not None:
+        number("max_displacement", max_displacement, low=0)
     if values is not None and (max_displacement is not None or update_neighbours is not None):
         raise ValueError("max_displacement and update_neighbours are for points that move; values stay where they are")
     if update_neighbours is not None and (isinstance(update_neighbours, bool) or update_neighbours < 1):

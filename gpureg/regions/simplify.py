@@ -15,6 +15,7 @@ from ..graphs.edges import Metric, checked_spacing
 from ..graphs.grid import GridGraph
 from ..images.guides import filled
 from ..images.raster import checked
+from ..model.problem import Norm
 from ..solvers import Solver
 from ..solvers.loop import Callback
 from ..weights import Weights
@@ -44,7 +45,7 @@ def simplify_image(
     tol: float | None = None,
     weights: WeightKind | Weights | npt.ArrayLike = "similarity",
     h: float | None = None,
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     gamma: str | npt.ArrayLike = "sqrt",
     coupled: bool = True,
     by_size: bool = False,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, unmasked
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
+from ..model.problem import Norm
 from ..solvers import Solver
 from ..weights import Weights
 from .harmonic import harmonic
@@ -31,7 +32,7 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     p: float = 3.0,
     weights: Weights | npt.ArrayLike | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
-    norm: str = "edge",
+    norm: Norm = "edge",
     eps: float | None = None,
     balance: bool = False,
     return_scores: bool = False,

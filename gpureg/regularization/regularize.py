@@ -12,11 +12,12 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray
 from ..backends import Backend
+from ..checks import integer, number
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget, readable
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem, as_function
+from ..model.problem import Norm, Problem, as_function
 from ..model.result import Interrupted, Result, Stop
 from ..progress import progress_bar
 from ..solvers import Jacobi, Solver, resolve, run
@@ -34,7 +35,7 @@ def regularize(
     lam: float | npt.ArrayLike = 1.0,
     weights: Weights | npt.ArrayLike | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
-    norm: str = "vertex",
+    norm: Norm = "vertex",
     coupled: bool = True,
     eps: float | None = None,
     solver: str | Solver = "jacobi",
@@ -148,10 +149,7 @@ def regularize(
     method = resolve(solver)
     max_iter, tol, kind = as_run(method, max_iter, tol, dtype)
     if update_weights is not None:
-        if isinstance(update_weights, bool) or not isinstance(update_weights, int | np.integer):
-            raise TypeError(f"update_weights must be an integer, got {update_weights!r}")
-        if update_weights < 1:
-            raise ValueError(f"update_weights must be >= 1, got {update_weights}")
+        integer("update_weights", update_weights, low=1)
         if not method.renews:
             raise ValueError(
                 "update_weights needs a process such as solver='jacobi': 'certified' finds the minimum for weights "
@@ -212,18 +210,12 @@ def as_run(
     """Iterations at most, tolerance and type, checked; what the solver says where there is none."""
     most = method.most if max_iter is None else max_iter
     tol = method.tol if tol is None else tol
-    if isinstance(most, bool) or not isinstance(most, int | np.integer):
-        raise TypeError(f"max_iter must be an integer, got {most!r}")
-    if most < 0:
-        raise ValueError(f"max_iter must be >= 0, got {most}")
-    if tol is not None and (isinstance(tol, bool) or not isinstance(tol, int | float | np.integer | np.floating)):
-        raise TypeError(f"tol must be a number, got {tol!r}")
-    if tol is not None and not (math.isfinite(tol) and tol >= 0):
-        raise ValueError(f"tol must be finite and >= 0, got {tol}")
+    most = integer("max_iter", most, low=0)
+    tol = None if tol is None else number("tol", tol, low=0)
     kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
-    return int(most), None if tol is None else float(tol), kind
+    return most, tol, kind
 
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:

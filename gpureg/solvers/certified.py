@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..backends import Array
-from ..checks import check_settings
+from ..checks import choice, number
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
@@ -97,11 +97,8 @@ class Certified(Solver):
     renews: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_settings({"tol": self.tol}, integers=())
-        if self.tol is None or not (np.isfinite(self.tol) and self.tol >= 0):
-            raise ValueError(f"tol must be finite and >= 0, got {self.tol}")
-        if self.method not in ("auto", *METHODS):
-            raise ValueError(f"method must be one of auto, {', '.join(METHODS)}, got {self.method!r}")
+        number("tol", self.tol, low=0)
+        choice("method", self.method, ("auto", *METHODS))
 
     def accept(self, problem: Problem) -> None:
         """ValueError unless the problem has one minimiser, and the method is made for it."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array
-from ..checks import check_settings
+from ..checks import integer, number
 from ..model.on_device import DeviceProblem
 from .stopping import LOCAL, Process, Slope, Travel
 
@@ -72,9 +72,9 @@ class Euler(Process):
     tol: float | None = None
 
     def __post_init__(self) -> None:
-        check_settings({"step": self.step, "check_every": self.check_every})
-        if self.step is not None and not (math.isfinite(self.step) and self.step > 0):
-            raise ValueError(f"step must be finite and > 0, got {self.step}")
+        if self.step is not None:
+            number("step", self.step, above=0)
+        integer("check_every", self.check_every, low=1)
         self.check()
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..backends import Array
-from ..checks import check_settings
+from ..checks import flag, integer, number
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
@@ -105,11 +105,10 @@ class Jacobi(Process):
     tol: float | None = None
 
     def __post_init__(self) -> None:
-        check_settings({"damping": self.damping, "check_every": self.check_every})
-        if self.damping is not None and not 0 < self.damping <= 1:
-            raise ValueError(f"damping must lie in (0, 1], got {self.damping}")
-        if not isinstance(self.accelerate, bool | np.bool_):
-            raise TypeError(f"accelerate must be True or False, got {self.accelerate!r}")
+        if self.damping is not None:
+            number("damping", self.damping, above=0, high=1)
+        integer("check_every", self.check_every, low=1)
+        flag("accelerate", self.accelerate)
         self.check()
         if self.accelerate and self.stop == "error":
             raise ValueError(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..backends import Array, Conductance
-from ..checks import check_settings
+from ..checks import choice, number
 from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
@@ -88,11 +88,9 @@ class Process(Solver):
 
     def check(self) -> None:
         """TypeError or ValueError unless the settings of the test are right."""
-        check_settings({"tol": self.tol}, integers=())
-        if self.tol is not None and not (math.isfinite(self.tol) and self.tol >= 0):
-            raise ValueError(f"tol must be finite and >= 0, got {self.tol}")
-        if self.stop not in TESTS:
-            raise ValueError(f"stop must be one of {', '.join(TESTS)}, got {self.stop!r}")
+        if self.tol is not None:
+            number("tol", self.tol, low=0)
+        choice("stop", self.stop, TESTS)
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
         """What the test needs."""

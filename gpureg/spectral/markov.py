@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray
+from ..checks import integer
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.on_device import DeviceProblem
@@ -186,10 +187,7 @@ def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights =
     >>> diffuse([0.0, 4.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), 1)
     array([4., 0., 4.])
     """
-    if isinstance(t, bool) or not isinstance(t, int | np.integer):
-        raise TypeError(f"t must be an integer, got {t!r}")
-    if t < 0:
-        raise ValueError(f"t must be >= 0, got {t}")
+    integer("t", t, low=0)
     P = markov_matrix(graph, f0, weights=weights)
     f: FloatArray = as_function(graph, f0, "f0").astype(np.float64)
     for _ in range(t):

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..checks import integer
 from ..graphs.grid import AnyGraph
 from ..model.problem import as_function
 from ..weights.base import AnyWeights
@@ -79,12 +80,10 @@ def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weigh
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
-    if isinstance(k, bool) or not isinstance(k, int | np.integer):
-        raise TypeError(f"k must be an integer, got {k!r}")
+    integer("k", k)
     stored, w, _, _ = stored_weights(graph, f, weights, 2.0, 0.0, None)
     n, rows = stored.n_vertices, stored.edge_rows()
-    if not 1 <= k <= n:
-        raise ValueError(f"k must lie in 1..{n}, the number of vertices, got {k}")
+    integer("k", k, low=1, high=n)
     W: Any = sparse.csr_array((w, stored.indices, stored.indptr), shape=(n, n), copy=True)
     W.eliminate_zeros()
     total = np.bincount(rows, w, minlength=n)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import choice
 from ..noise.white import estimate_noise
 from .risk import Denoiser, j_invariance, sure
 
@@ -119,6 +120,7 @@ def calibrate(
     axes = {name: list(values) for name, values in grid.items()}
     if not axes or not all(axes.values()):
         raise ValueError("grid must name one parameter or more, each with one value or more to try")
+    choice("method", method, ("sure", "j-invariance"))
     loss: Callable[[Denoiser], float]
     noise: float | npt.NDArray[Any] | None = None
     if method == "sure":
@@ -131,15 +133,13 @@ def calibrate(
         def loss(one: Denoiser) -> float:
             return sure(one, image, known, mask=mask, channel_axis=channel_axis, seed=seed)
 
-    elif method == "j-invariance":
+    else:
 
         def loss(one: Denoiser) -> float:
             return j_invariance(
                 one, image, stride=stride, every=every, channel_axis=channel_axis, mask=mask, spacing=spacing
             )
 
-    else:
-        raise ValueError(f'method must be "sure" or "j-invariance", got {method!r}')
     table = {}
     for at in itertools.product(*[range(len(values)) for values in axes.values()]):
         parameters = {name: values[i] for (name, values), i in zip(axes.items(), at, strict=True)}

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..checks import number
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.problem import as_function
@@ -144,9 +145,8 @@ def match(ratio: Callable[[float], float], start: float, rtol: float = RTOL) -> 
     """The lam at which a falling `ratio` is nearest to 1, the ratio there, and the evaluations."""
     from scipy import optimize
 
-    for name, value in (("start", start), ("rtol", rtol)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be finite and > 0, got {value}")
+    number("start", start, above=0)
+    number("rtol", rtol, above=0)
     found: dict[float, float] = {}
 
     def height(x: float) -> float:

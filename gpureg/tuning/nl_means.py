@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from ..checks import number
 from ..weights import Weights, patch
 
 # sigma of 255 up to which a row holds; radius of the patch; radius of the window; h as a multiple of sigma.
@@ -88,11 +87,8 @@ def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float 
     >>> nl_means_parameters(20 / 255, color=True, data_range=1).radius
     10
     """
-    for name, value in (("sigma", sigma), ("data_range", data_range)):
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise TypeError(f"{name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be finite and > 0, got {value}")
+    number("sigma", sigma, above=0)
+    number("data_range", data_range, above=0)
     level = 255 * float(sigma) / float(data_range)
     for most, patch_radius, radius, factor in _COLOUR if color else _GREY:
         if level <= most * (1 + 1e-9):

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import unmasked
+from ..checks import integer, number
 
 Denoiser = Callable[..., npt.ArrayLike]
 Values = npt.NDArray[np.floating[Any]]
@@ -89,8 +90,8 @@ def sure(
     mean = float(np.mean(variance))
     if step is None:
         step = _STEP * math.sqrt(mean)
-    if not (math.isfinite(step) and (step > 0 or mean == 0)):
-        raise ValueError(f"step must be finite and > 0, got {step}")
+    else:
+        number("step", step, above=0)
     before = _denoised(denoise, values, inside)
     error = float(np.mean((before - _of(values, inside)) ** 2))
     if mean == 0:
@@ -155,10 +156,7 @@ def j_invariance(
     >>> round(j_invariance(lambda y: 0 * y, noisy, every=True), 1)  # no error, and the noise of 3.9
     3.9
     """
-    if isinstance(stride, bool) or not isinstance(stride, int | np.integer):
-        raise TypeError(f"stride must be an integer, got {stride!r}")
-    if stride < 2:
-        raise ValueError(f"stride must be >= 2, or a hidden pixel has no neighbour that is shown, got {stride}")
+    integer("stride", stride, low=2)  # of 1, a hidden pixel has no neighbour that is shown
     values, inside = _checked(image, mask, channel_axis)
     axes = [axis for axis in range(values.ndim) if channel_axis is None or axis != channel_axis % values.ndim]
     if spacing is not None and not (len(spacing) == len(axes) and all(math.isfinite(s) and s > 0 for s in spacing)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import weakref
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend, PatchForm, Storage, Weighted
-from ..checks import positive
+from ..checks import number
 from ..graphs.csr import Graph
 from ..graphs.edges import check_weights
 from ..graphs.grid import AnyGraph, GridGraph
@@ -163,11 +162,9 @@ def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False
         if not (low.all() and np.isfinite(values).all()):
             raise ValueError(f"a map of {name} must be finite and {'>= 0' if zero else '> 0'} everywhere")
         return PerVertex(values, float(np.median(values)))
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-        raise TypeError(f"{name} must be a number, or one per vertex, got {value!r}")
-    if zero and not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} must be finite and >= 0, got {value}")
-    return float(value) if zero else positive(name, float(value), infinite=infinite)
+    if zero:
+        return number(name, value, low=0)
+    return number(name, value, above=0, finite=not infinite)
 
 
 def part_of_parameter(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:

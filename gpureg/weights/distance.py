@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend, Weighted
-from ..checks import positive
+from ..checks import number
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import EdgeWeights, Weights, rows_of
@@ -135,7 +135,7 @@ def inverse_distance(power: float = 2) -> Weights:
     TypeError, ValueError
         A power that is not a number > 0; at use, vertices without positions, or two that lie on the same point.
     """
-    return InverseDistance(positive("power", power))
+    return InverseDistance(number("power", power, above=0))
 
 
 def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
@@ -157,4 +157,4 @@ def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
     table = table.reshape(len(table), -1) if table.ndim else table
     if table.ndim != 2 or not np.isfinite(table).all():
         raise ValueError(f"features must be finite, one row per vertex, got shape {table.shape}")
-    return Gaussian(table, positive("sigma", sigma))
+    return Gaussian(table, number("sigma", sigma, above=0))

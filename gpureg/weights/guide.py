@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..backends import Backend, Weighted
-from ..checks import positive
+from ..checks import flag, number
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import PatchWeights, Weights, rows_of
 
@@ -210,9 +210,7 @@ def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights
     >>> bool(np.std(result.value[:, :8]) < 0.03)
     True
     """
-    if not isinstance(opponent, bool | np.bool_):
-        raise TypeError(f"opponent must be True or False, got {opponent!r}")
-    return Smoothed(_expect_weights(weights), 0.0 if std == 0 else positive("std", std), bool(opponent))
+    return Smoothed(_expect_weights(weights), number("std", std, low=0), flag("opponent", opponent))
 
 
 def blur_stds(std: float, spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:

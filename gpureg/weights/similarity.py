@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..backends import PatchForm, Storage
-from ..checks import positive, share
+from ..checks import integer, number
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter
 from .distance import nearness
@@ -154,7 +154,7 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
     array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
     """
     return Bilateral(
-        positive("sigma_space", sigma_space, infinite=True), parameter("sigma_value", sigma_value, infinite=True)
+        number("sigma_space", sigma_space, above=0, finite=False), parameter("sigma_value", sigma_value, infinite=True)
     )
 
 
@@ -202,17 +202,13 @@ def patch(
     For a flat patch of s cells and C channels, the nonlocal means of scikit-image and OpenCV with parameter H is
     h^2 = C s H^2.
     """
-    if not isinstance(radius, int | np.integer) or isinstance(radius, bool):
-        raise TypeError(f"the patch's radius must be an integer, got {radius!r}")
-    if radius < 0:
-        raise ValueError(f"the patch's radius must be >= 0, got {radius}")
     return Patch(
-        int(radius),
+        integer("radius", radius, low=0),
         parameter("h", h),
         parameter("sigma", sigma, zero=True),
-        None if a is None else positive("a", a),
-        share("cut", cut),
-        positive("sigma_space", sigma_space, infinite=True),
+        None if a is None else number("a", a, above=0),
+        number("cut", cut, low=0, high=1),
+        number("sigma_space", sigma_space, above=0, finite=False),
     )
 
 

@@ -1,0 +1,107 @@
+"""What all public functions have in common: an error names the function that was called, and a renamed parameter.
+
+A public function, a door, often calls another one. :func:`door` marks them, so that an error that is raised inside
+begins with the name of the one that the caller wrote: ``denoise_tv: lam must be finite and >= 0, got -1``.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, ParamSpec, TypeVar, overload
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# The public function that the caller wrote, while it runs.
+_called: ContextVar[str | None] = ContextVar("_called", default=None)
+
+RENAMED: dict[str, dict[str, str]] = {}
+"""Parameters that had another name before: function, old name, what to write now."""
+
+
+@overload
+def door(function: Callable[P, R], /) -> Callable[P, R]: ...
+
+
+@overload
+def door(
+    *, name: str | None = None, options: Mapping[str, Any] | None = None
+) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
+
+
+def door(function: Any = None, /, *, name: str | None = None, options: Mapping[str, Any] | None = None) -> Any:
+    """Mark a public function.
+
+    Parameters
+    ----------
+    function : callable
+    name : str, optional
+        What an error calls it. None takes the function's own name.
+    options : mapping, optional
+        Names and defaults of the options that the function takes as ``**options`` and hands on. They become part of
+        its signature, and an option that is none of them is refused here.
+
+    Returns
+    -------
+    callable
+        The function, whose errors of type TypeError and ValueError begin with its name where it was called from
+        outside of gpureg, and which says what a parameter in :data:`RENAMED` is called now.
+    """
+    if function is None:
+        return functools.partial(door, name=name, options=options)
+    called = name or function.__name__
+    renamed = RENAMED.get(called, {})
+    signature = inspect.signature(function)
+    if options is not None:
+        signature = _with_options(signature, options)
+    known = None if options is None else signature.parameters.keys()
+
+    @functools.wraps(function)
+    def outermost(*args: Any, **given: Any) -> Any:
+        for old in given:
+            if old in renamed:
+                raise TypeError(f"{called}: {old!r} is called {renamed[old]} now")
+            if known is not None and old not in known:
+                raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
+        if _called.get() is not None:
+            return function(*args, **given)
+        token = _called.set(called)
+        try:
+            return function(*args, **given)
+        except (TypeError, ValueError) as error:
+            if type(error) in (TypeError, ValueError) and len(error.args) == 1:
+                said = str(error.args[0])
+                if not said.startswith((f"{called}:", f"{called}()")):
+                    error.args = (f"{called}: {said}",)
+            raise
+        finally:
+            _called.reset(token)
+
+    outermost.__signature__ = signature  # type: ignore[attr-defined]
+    return outermost
+
+
+def _with_options(signature: inspect.Signature, options: Mapping[str, Any]) -> inspect.Signature:
+    """A signature with named options in the place of ``**options``."""
+    own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    names = {p.name for p in own}
+    more = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default)
+        for name, default in options.items()
+        if name not in names
+    ]
+    return signature.replace(parameters=[*own, *more])
+
+
+@contextmanager
+def without_names() -> Iterator[None]:
+    """Errors inside say nothing of a function: the caller wrote none, as on the command line."""
+    token = _called.set("")
+    try:
+        yield
+    finally:
+        _called.reset(token)
