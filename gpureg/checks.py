@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+Word = TypeVar("Word", bound=str)
 
 
 def number(
@@ -75,7 +77,7 @@ def integer(name: str, value: Any, *, low: int | None = None, high: int | None =
     return int(value)
 
 
-def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+def choice(name: str, value: Any, allowed: Iterable[Word]) -> Word:
     """One of several words, checked.
 
     Raises
@@ -84,9 +86,10 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
         Anything else.
     """
     words = tuple(allowed)
-    if not isinstance(value, str) or value not in words:
-        raise ValueError(f"{name} must be {either(words)}, got {value!r}")
-    return value
+    for word in words:
+        if isinstance(value, str) and value == word:
+            return word
+    raise ValueError(f"{name} must be {either(words)}, got {value!r}")
 
 
 def either(words: Iterable[str]) -> str:

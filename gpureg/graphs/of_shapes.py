@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces, checked_points
-from ..checks import integer
+from ..checks import choice, integer
 from .csr import Graph
 
 Across = Literal["edge", "vertex"]

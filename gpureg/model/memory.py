@@ -17,7 +17,7 @@ from ..checks import choice, flag, integer, number
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
-from .problem import Norm
+from .problem import NORMS, Norm
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -173,7 +173,7 @@ def memory_needed(
     if not isinstance(graph, Graph | GridGraph):
         raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
     channels = integer("channels", channels, low=1)
-    p, norm = number("p", p, above=0), choice("norm", norm, ("vertex", "edge"))
+    p, norm = number("p", p, above=0), choice("norm", norm, NORMS)
     coupled, stored = flag("coupled", coupled), flag("stored", stored)
     if not stored and (patch_weights(weights) is None or not isinstance(graph, GridGraph)):
         raise ValueError("stored=False needs bilateral or patch weights on a GridGraph: others have to be stored")
