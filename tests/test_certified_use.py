@@ -391,11 +391,11 @@ def test_a_check_cut_short_leaves_no_gap_of_another(monkeypatch: pytest.MonkeyPa
     looks: list[int] = []
     real = Dual.certify
 
-    def cut(self: Dual, problem: Any, state: Any, energy: float) -> Any:
+    def cut(self: Dual, problem: Any, state: Any, course: Any) -> Any:
         looks.append(1)
         if len(looks) == 3:
             raise KeyboardInterrupt
-        return real(self, problem, state, energy)
+        return real(self, problem, state, course)
 
     monkeypatch.setattr(Dual, "certify", cut)
     with pytest.raises(gr.Interrupted) as caught:

@@ -12,23 +12,18 @@ from ..arrays import FloatArray
 from ..backends import Array
 from ..checks import integer, number
 from ..model.on_device import DeviceProblem
-from .stopping import LOCAL, Process, Slope, Travel
+from .stopping import LOCAL, Process, ProcessState
 
 
 @dataclass(frozen=True)
-class _State:
-    f: Array  # the last whole iterate
-    previous: Array  # the one before it, to be overwritten by the next
-    g: Array | None  # scratch for the conductances
-    tau: float | Array  # the step, per vertex where gamma has a factor of the vertex's own
+class _State(ProcessState):
+    tau: float | Array  # the step; (n, 1) on the device where gamma has a factor of the vertex's own
     step: float
     bound: float
-    watch: Slope | Travel | None  # what the stop test needs
-    local: bool  # whether there can be other minima
 
 
 @dataclass(frozen=True)
-class Euler(Process):
+class Euler(Process[_State]):
     """Explicit Euler steps: f + tau (lam (f0 - f) - p-Laplacian of f) (eq. 24).
 
     Parameters
@@ -95,8 +90,8 @@ class Euler(Process):
                 )
         # g = s f takes steps s^2 as long: eq. 24 is about f.
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
-        empty, watch = backend.empty(graph, problem.channels), self.watch(problem, initial)
-        return _State(initial, empty, problem.scratch(), tau, step, bound, watch, problem.p < 1)
+        empty, test = backend.empty(graph, problem.channels), self.test(problem, initial)
+        return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step, bound)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One step, into the buffer of the iterate before the last."""
