@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..model.matrices import undirected_edges
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
-from ..solvers.multigrid import cycle, is_there
+from ..solvers.multigrid import conjugate_gradients, cycle, is_there
 from ..weights import Weights
 
 if TYPE_CHECKING:
@@ -191,11 +191,11 @@ def _by_gradients(
     precondition: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, list[int]]:
     """Some columns of the solution by conjugate gradients, the others as they were, and those that did not converge."""
-    from scipy.sparse import linalg
-
-    M = None if precondition is None else linalg.LinearOperator(A.shape, precondition, dtype=np.float64)
     x, left = start.copy(), []
     for k in columns:
-        x[:, k], code = linalg.cg(A, b[:, k], x0=start[:, k], rtol=RESIDUAL, maxiter=steps, M=M)
-        left += [k] if code else []
+        found = conjugate_gradients(
+            lambda r: A @ r, b[:, k], precondition, rtol=RESIDUAL, most=steps, start=start[:, k]
+        )
+        x[:, k] = found.x
+        left += [] if found.converged else [k]
     return x, left

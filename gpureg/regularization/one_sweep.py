@@ -60,7 +60,7 @@ def one_sweep(
     job = Job(
         channels=problem.f0.shape[1] + stored,
         weights=problem.weights,
-        per_vertex=averages or not isinstance(problem.lam, float),
+        per_vertex=averages or problem.lam.ndim > 0,
         stored=stored,
     )
     tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=stored))
@@ -170,18 +170,16 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     if step.averaged is not None:
         weighted = backend.patch_distance(grid, f if guide is None else guide, form)
         return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
-    lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
+    lam = backend.put(grid, part.lam) if part.lam.ndim else float(part.lam)
     on_device = backend.put(grid, f)
     return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
 
 
-def _per_patch(grid: GridGraph, lam: float | FloatArray, radius: int) -> FloatArray:
+def _per_patch(grid: GridGraph, lam: FloatArray, radius: int) -> FloatArray:
     """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
     inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
-    count = over_patches(inside, radius)
-    every = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1), (grid.n_vertices,))
-    finite = np.where(np.isinf(every), 0, every) * count.ravel()
-    counted: FloatArray = np.where(np.isinf(every), every, finite)[:, None]
+    count = over_patches(inside, radius).reshape(-1, 1)
+    counted: FloatArray = np.where(np.isinf(lam), lam, np.where(np.isinf(lam), 0, lam) * count)
     return counted
 
 
@@ -190,7 +188,7 @@ def _averaged(
     backend: Backend,
     weighted: Weighted,
     f: FloatArray,
-    lam: float | FloatArray,
+    lam: FloatArray,
     step: OneStep,
     radius: int,
 ) -> FloatArray:
@@ -200,7 +198,7 @@ def _averaged(
     its own with lam/2 (at p = 2 a neighbour counts 2 w).
     """
     inside = np.ones((grid.n_vertices, 1)) if grid.mask is None else grid.mask.reshape(-1, 1).astype(np.float64)
-    fidelity = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), inside.shape)
+    fidelity = np.broadcast_to(lam, inside.shape)
     pinned = np.isinf(fidelity)
     centre = np.where(pinned, 0, fidelity) / 2
     if step.largest:

@@ -258,7 +258,7 @@ def tiles_of(
         norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
         weights=problem.weights,
         directed=not isinstance(problem.gamma, str),
-        per_vertex=not isinstance(problem.lam, float),
+        per_vertex=problem.lam.ndim > 0,
         keeps=method.keeps(problem),
     )
     need = job.need(problem.graph, device)

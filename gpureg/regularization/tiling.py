@@ -182,8 +182,8 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
     assert isinstance(grid, GridGraph)
     part = part_of(grid, tile.wide)
     lam, weights = problem.lam, problem.weights
-    if not isinstance(lam, float):
-        lam = lam.reshape(grid.shape)[tile.wide].reshape(-1)
+    if lam.ndim:
+        lam = lam.reshape(grid.shape)[tile.wide].reshape(-1, 1)
     if isinstance(weights, Weights):
         weights = weights.part(grid, tile.wide)
     elif weights is not None:

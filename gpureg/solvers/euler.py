@@ -112,7 +112,7 @@ def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
     degree = degree.astype(np.float64)
     if problem.scale is not None:
         degree = degree * problem.scale[:, 0] ** 2
-    return degree, np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (n,))
+    return degree, np.broadcast_to(problem.problem.lam, (n, 1))[:, 0]
 
 
 def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam: FloatArray) -> float:

@@ -105,7 +105,7 @@ class Newton(Solver[_State]):
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step, from `initial`."""
         backend, graph = problem.backend, problem.weighted.graph
-        given = np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (graph.n_vertices,))[:, None]
+        given = np.broadcast_to(problem.problem.lam, (graph.n_vertices, 1))
         free = np.isfinite(given).astype(np.float64)
         model = _Model(
             Difference.of(problem),
@@ -150,7 +150,7 @@ class Newton(Solver[_State]):
             return product
 
         cycle = state.cycle or self._preconditioner(model, share * g)
-        h, steps = multigrid.conjugate_gradients(
+        h, steps, _ = multigrid.conjugate_gradients(
             hessian, -gradient, cycle, rtol=1e-3 if p == 2 else _FORCING, most=_INNER
         )
         h = model.free * h

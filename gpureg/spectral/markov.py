@@ -109,7 +109,7 @@ def averaging_filter(
     rows, n = stored.edge_rows(), stored.n_vertices
     alpha = 2 * w if g is None else w * (g[rows] + g[stored.indices])
     total = np.bincount(rows, alpha, minlength=n)
-    fidelity = np.broadcast_to(np.asarray(problem.lam, np.float64), (n,))
+    fidelity = np.broadcast_to(problem.lam, (n, 1))[:, 0]
     # pinned, or nothing around: the data stays, as the sweep has it
     keeps = np.isinf(fidelity) | ~(np.where(np.isinf(fidelity), 0, fidelity) + total > 1e-290)
     denominator = np.where(keeps, 1, fidelity + total)
