@@ -374,13 +374,14 @@ def test_wrong_problems(settings: dict[str, Any], words: str) -> None:
 
 
 def test_wrong_settings() -> None:
-    for tol in (-1, None, np.nan, np.inf):
-        with pytest.raises(ValueError, match="tol must be finite and >= 0"):
+    for tol in (-1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="Certified: tol must be finite and >= 0"):
             gr.Certified(tol=tol)
-    with pytest.raises(TypeError, match="tol must be a number"):
-        gr.Certified(tol="small")  # type: ignore[arg-type]
+    for tol in ("small", None):
+        with pytest.raises(TypeError, match="Certified: tol must be a number"):
+            gr.Certified(tol=tol)  # type: ignore[arg-type]
     for method in ("jacobi", "", 3):
-        with pytest.raises(ValueError, match="method must be one of auto, dual, linear, newton"):
+        with pytest.raises(ValueError, match='Certified: method must be "auto", "dual", "linear" or "newton"'):
             gr.Certified(method=method)  # type: ignore[arg-type]
     assert isinstance(gr.Certified(), Solver)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray
+from ..arrays import FloatArray, computed_type
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.matrices import undirected_edges
 from ..model.on_device import DeviceProblem
@@ -94,10 +94,8 @@ def harmonic(
     unknown = np.flatnonzero(~known)
     if not len(unknown):
         return f, reached
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
-    problem = Problem.make(
-        f0, graph, p=2.0, lam=0.0, weights=weights, gamma=gamma, norm="vertex", coupled=True, eps=0.0, dtype=kind
-    )
+    kind = computed_type(dtype)
+    problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind)
     on = DeviceProblem.put(problem, backends.get(backend, kind))
     edges = undirected_edges(on, wanted=~known)
     u, v, there, back = edges.u, edges.v, edges.there, edges.back
@@ -142,7 +140,7 @@ def harmonic(
             f"the first fill did not converge in {steps} steps of conjugate gradients, the weights differ too "
             "much: more iterations (max_iter) and tol=None may be needed, or weights that differ less",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,  # of the caller of a door
         )
     values: FloatArray = root[:, None] * solved
     if np.array_equal(there, back):

@@ -6,13 +6,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray, all_finite
+from ..arrays import FloatArray, all_finite, computed_type
 from ..backends import Backend, Weighted, over_patches
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget
@@ -47,10 +46,8 @@ def one_sweep(
     none. An interruption leaves no iterate. `step` says what the sweep does besides the book.
     """
     begin = time.perf_counter()
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
-    problem = Problem.make(
-        f0, graph, p=2.0, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
-    )
+    kind = computed_type(dtype)
+    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind)
     device = backends.get(backend, kind)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
@@ -66,14 +63,10 @@ def one_sweep(
     tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=stored))
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
         value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
-    return Result(
-        value=as_given(value, f0, graph),
+    return Result.bare(
+        as_given(value, f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
-        energy=np.empty(0),
-        checks=np.empty(0, np.int64),
-        gap=None,
-        error_bound=None,
         eps=problem.eps,
         method="Gauss-Jacobi (eq. 25), "
         + (

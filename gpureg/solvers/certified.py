@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic
+from typing import ClassVar, Generic
 
 import numpy as np
 
 from ..backends import Array
 from ..checks import choice, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
@@ -49,6 +50,7 @@ class _State(Generic[S]):
         return self.inner.previous
 
 
+@door
 @dataclass(frozen=True)
 class Certified(Solver[_State]):
     """The minimiser for p >= 1 and lam > 0, to a duality gap that is measured.

@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Array
 from ..checks import integer, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
 from .stopping import LOCAL, Process, ProcessState
 
@@ -22,6 +23,7 @@ class _State(ProcessState):
     bound: float
 
 
+@door
 @dataclass(frozen=True)
 class Euler(Process[_State]):
     """Explicit Euler steps: f + tau (lam (f0 - f) - p-Laplacian of f) (eq. 24).

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..backends import Array
 from ..checks import flag, integer, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
@@ -26,6 +27,7 @@ class _State(ProcessState):
     halved: int = 0  # how often a sweep was taken back
 
 
+@door
 @dataclass(frozen=True)
 class Jacobi(Process[_State]):
     """Gauss-Jacobi sweeps: each vertex takes the weighted mean of its data and its neighbours (eq. 25, 31).

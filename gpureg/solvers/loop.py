@@ -27,10 +27,12 @@ class Iterates(Protocol):
     """What the loop reads of a solver's state: the last two iterates, functions (n, m) on the device."""
 
     @property
-    def f(self) -> Array: ...
+    def f(self) -> Array:
+        """The last whole iterate."""
 
     @property
-    def previous(self) -> Array: ...
+    def previous(self) -> Array:
+        """The one before it."""
 
 
 if TYPE_CHECKING:
@@ -105,7 +107,7 @@ class Solver(ABC, Generic[S]):
     renews: ClassVar[bool] = True
     patience: ClassVar[int] = 100
 
-    def accept(self, problem: Problem) -> None:  # noqa: B027
+    def accept(self, problem: Problem) -> None:
         """ValueError unless this solver can take the problem."""
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
