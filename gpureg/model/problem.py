@@ -72,6 +72,8 @@ def expect_graph(graph: object) -> None:
 def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
     """The fidelity as a float64 array after checking it: a number as (), one value per vertex as (n, 1)."""
     array = np.asarray(lam)
+    if array.ndim == 0:
+        number("lam", array.item(), finite=False)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"lam must be a real number or an array of them, got {array.dtype}")
     shape = graph.shape if isinstance(graph, GridGraph) else (graph.n_vertices,)
