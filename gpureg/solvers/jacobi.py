@@ -164,10 +164,10 @@ class Jacobi(Process[_State]):
             state.f,
             problem.f0,
             problem.lam,
+            problem.model,
             theta=theta,
             g=state.g,
             out=state.previous,
-            **problem.model,
         )
 
     def describe(self, state: _State) -> str:

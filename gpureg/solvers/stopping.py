@@ -133,10 +133,10 @@ class Gradient(StopTest):
         """
         backend, weighted = problem.backend, problem.weighted
         found = backend.gradient(weighted, f, problem.f0, problem.conductances(f, g), problem.lam, out=self.buffer)
-        now = math.sqrt(backend.dot(weighted, found, found, over=self.units))
+        now = math.sqrt(backend.dot(weighted.graph, found, found, over=self.units))
         gap = None
         if problem.p >= 1 and np.min(problem.problem.lam) > 0:
-            gap = backend.dot(weighted, found, found, over=problem.lam) / 2
+            gap = backend.dot(weighted.graph, found, found, over=problem.lam) / 2
         return replace(self, first=now if self.first is None else self.first, now=now), gap
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
@@ -158,7 +158,7 @@ TESTS: dict[str, type[StopTest]] = {"change": Change, "error": Error, "gradient"
 
 
 def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
-    return problem.backend.copy(problem.weighted, f, out=out)
+    return problem.backend.copy(problem.weighted.graph, f, out=out)
 
 
 @dataclass(frozen=True)
