@@ -79,8 +79,8 @@ def _edges(graph: AnyGraph, weights: FloatArray | None) -> Iterator[Ends]:
         if weights is None:
             yield u, v
         elif directed:
-            kept = (weights[H + h][start].ravel() > 0) | (weights[H - 1 - h][end].ravel() > 0)
-            yield u[kept], v[kept]
+            there = (weights[H + h][start].ravel() > 0) | (weights[H - 1 - h][end].ravel() > 0)
+            yield u[there], v[there]
         else:
-            kept = weights[h][start].ravel() > 0
-            yield u[kept], v[kept]
+            there = weights[h][start].ravel() > 0
+            yield u[there], v[there]

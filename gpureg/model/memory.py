@@ -18,7 +18,7 @@ from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
-from .problem import NORMS, Norm, as_lam, as_weights, expect_graph
+from .problem import NORMS, Norm, as_weights, expect_graph, lam_numbers
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -182,7 +182,7 @@ def memory_needed(
         channels=channels,
         norms=0 if p == 2 or norm == "edge" else 1 if coupled else channels,
         weights=as_weights(graph, weights),
-        per_vertex=as_lam(graph, lam).ndim > 0,
+        per_vertex=lam_numbers(lam).ndim > 0,
         stored=stored,
     )
     return job.need(graph, backends.get(backend, computed_type(dtype))).total

@@ -70,13 +70,19 @@ def expect_graph(graph: object) -> None:
         raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
 
 
-def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
-    """The fidelity as a float64 array after checking it: a number as (), one value per vertex as (n, 1)."""
+def lam_numbers(lam: float | npt.ArrayLike) -> npt.NDArray[Any]:
+    """A fidelity as an array, (), (n,) or a grid's shape, checked to hold numbers."""
     array = np.asarray(lam)
     if array.ndim == 0:
         number("lam", array.item(), finite=False)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"lam must be a real number or an array of them, got {array.dtype}")
+    return array
+
+
+def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
+    """The fidelity as a float64 array after checking it: a number as (), one value per vertex as (n, 1)."""
+    array = lam_numbers(lam)
     shape = graph.shape if isinstance(graph, GridGraph) else (graph.n_vertices,)
     if array.shape not in ((), (graph.n_vertices,), shape):
         raise ValueError(f"lam must be a number or one value per vertex, shape {shape}, got shape {array.shape}")

@@ -105,8 +105,8 @@ def harmonic(
     # both directions of every edge that starts at an unknown vertex
     start, end = np.concatenate([u, v]), np.concatenate([v, u])
     here, other = np.concatenate([there, back]), np.concatenate([back, there])
-    kept = place[start] >= 0
-    start, end, here, product = place[start[kept]], end[kept], here[kept], (here * other)[kept]
+    owned = place[start] >= 0
+    start, end, here, product = place[start[owned]], end[owned], here[owned], (here * other)[owned]
     inner = (place[end] >= 0) & (product > 0)
     pattern = sparse.coo_array((product[inner], (start[inner], place[end[inner]])), shape=(k, k)).tocsr()
     pinned = (place[end] < 0) & (product > 0)

@@ -40,10 +40,10 @@ def one_sweep(
     progress: bool = False,
     step: OneStep | None = None,
 ) -> Result:
-    """:func:`regularize` with p = 2, one undamped Jacobi sweep, and weights that are computed but not stored.
+    """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are computed but not stored.
 
     `weights` are such as :func:`gpureg.weights.patch_weights` finds. An energy needs stored weights: the result has
-    none. An interruption leaves no iterate. `step` says what the sweep does besides the book.
+    none. An interruption leaves no iterate. `step` says what differs from a sweep of eq. 25.
     """
     begin = time.perf_counter()
     kind = computed_type(dtype)
@@ -105,7 +105,7 @@ def _tiles_of_a_step(
 
 @dataclass(frozen=True)
 class OneStep:
-    """What one sweep at p = 2 with patch weights does besides the book.
+    """How one sweep at p = 2 with patch weights differs from eq. 25; by default not at all.
 
     Attributes
     ----------
@@ -134,16 +134,16 @@ class OneStep:
 def step_in_tiles(
     problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
 ) -> FloatArray:
-    """One sweep at p = 2 of patch weights, which are kept for a tile at most, (n, m)."""
+    """One sweep at p = 2 of patch weights, which are stored for one tile at a time, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
     for i, tile in enumerate(tiles.tiles):
         part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
-        kept = without_halo(part.graph, _step(part, backend, step), tile)
-        if not all_finite(kept):
+        interior = without_halo(part.graph, _step(part, backend, step), tile)
+        if not all_finite(interior):
             expect_finite(backend, 1, math.nan)
-        value.reshape(*grid.shape, -1)[tile.own] = kept
+        value.reshape(*grid.shape, -1)[tile.own] = interior
         report(i + 1, len(tiles.tiles))
     return value
 

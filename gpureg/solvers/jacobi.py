@@ -42,10 +42,10 @@ class Jacobi(Process[_State]):
     check_every : int, default 10
         Sweeps between two looks at energy and change, which read back from the device.
     accelerate : bool, default False
-        Anderson's acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, kept only where its energy
-        is not above that of the iterate before; otherwise it is the sweep, and older sweeps are forgotten. Far fewer
-        iterations where the plain process is slow (small lam or eps), a half to a third elsewhere; an iteration takes
-        several times as long as a sweep over few neighbours, and 23 functions more are kept on the device.
+        Anderson's acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, accepted only where its
+        energy is not above that of the iterate before; otherwise it is the sweep, and older sweeps are forgotten. Far
+        fewer iterations where the plain process is slow (small lam or eps), a half to a third elsewhere; an iteration
+        takes several times as long as a sweep over few neighbours, and 23 functions more are held on the device.
     stop : {"change", "error", "gradient", "energy"}, default "change"
         What the tolerance is of. "change": the largest change of a value in an iteration, as a share of the data's
         range; the distance from the limit can be far larger (800 times at lam = 0.01 on 4-adjacency). "error": the

@@ -7,7 +7,8 @@ of f,
 
     lam h + d* [ g dh - k/2 (y <df, dh> + df <y, dh>) ] = - gradient,   g = q^((p-2)/2),  k = (2 - p) g q^(-p/2)
 
-with q = |df|^2 + eps^2, made symmetric, and y kept where that is positive definite. For p > 2, y = g df: Newton's own.
+with q = |df|^2 + eps^2, made symmetric, and y shortened so that it is positive definite. For p > 2, y = g df: Newton's
+own.
 The systems are solved on the host, by conjugate gradients with the matrix of eq. 25 (k = 0) as preconditioner.
 
 Where eps = 0 and p < 2 there are no second derivatives: the steps are those of an eps > 0 that falls with the gap. y
