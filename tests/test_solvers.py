@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import cases
 import numpy as np
@@ -130,3 +131,34 @@ def test_conjugate_gradients_say_how_they_ended() -> None:
     assert (few.steps, few.converged) == (3, False)
     done = multigrid.conjugate_gradients(apply, b, rtol=1e-10, most=40, start=np.linalg.solve(A, b))
     assert (done.steps, done.converged) == (0, True)
+
+
+def test_a_check_cut_short_leaves_no_gap_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C while the gap is taken: the energies are those of whole checks, and there is no gap."""
+    noisy = np.random.default_rng(7).standard_normal((12, 9))
+    looks: list[int] = []
+    real = Dual.certify
+
+    def cut(self: Dual, problem: Any, state: Any, course: Any) -> Any:
+        looks.append(1)
+        if len(looks) == 3:
+            raise KeyboardInterrupt
+        return real(self, problem, state, course)
+
+    monkeypatch.setattr(Dual, "certify", cut)
+    with pytest.raises(gr.Interrupted) as caught:
+        gr.regularize(noisy, gr.GridGraph(noisy.shape), p=1, lam=1, solver=gr.Certified(tol=1e-9), backend="numpy")
+    result = caught.value.result
+    assert result.gap is None and result.error_bound is None
+    assert len(result.energy) == len(result.checks) == 2
+    assert result.iterations > result.checks[-1]
+
+
+@pytest.mark.parametrize("answer", [True, np.True_])
+def test_true_is_true_whoever_says_so(answer: Any) -> None:
+    """A comparison of numpy numbers stops the run as one of Python's does."""
+    noisy = np.random.default_rng(7).standard_normal((12, 9))
+    result = gr.regularize(noisy, gr.GridGraph(noisy.shape), p=1, backend="numpy", callback=lambda check: answer)
+    assert result.stop is gr.Stop.CALLBACK and result.iterations == 0
+    told = gr.regularize(noisy, gr.GridGraph(noisy.shape), max_iter=5, backend="numpy", callback=lambda check: 1)
+    assert told.iterations == 5
