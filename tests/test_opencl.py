@@ -101,7 +101,7 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     wide = slice(begin - halo, end + halo)
     part = GridGraph((*shape[:-1], end - begin + 2 * halo), radius, metric)  # type: ignore[arg-type]
     cut = [x.reshape(*shape, -1)[..., wide, :].reshape(part.n_vertices, -1) for x in (f, f0, lam)]
-    inside = None if half is None else half[..., wide] * part.unit_half_weights()
+    inside = None if half is None else half[..., wide] * part.edges.unit_half()
     found = swept(part, inside, *cut).reshape(*part.shape, channels)[..., halo:-halo, :]
     assert found.tobytes() == whole.reshape(*shape, channels)[..., begin:end, :].tobytes()
 

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, frozen, integers
 from ..checks import integer
-from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize, check_weights, refuse_loops, symmetrized
+from .checked import checked_positions, checked_rows
+from .edges import Symmetrize, check_symmetrize, check_weights, symmetrized
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -65,55 +66,9 @@ class Graph:
     grid: GridGraph | None = None
 
     def __post_init__(self) -> None:
-        from scipy import sparse
-
-        indptr = integers("indptr", self.indptr, 1).astype(np.int64)
-        indices = integers("indices", self.indices, 1).astype(np.int64)
-        n, nnz = len(indptr) - 1, len(indices)
-        if n < 1:
-            raise ValueError("a graph needs at least one vertex: indptr must have n + 1 >= 2 entries")
-        if indptr[0] != 0 or indptr[-1] != nnz or (np.diff(indptr) < 0).any():
-            raise ValueError(f"indptr must rise from 0 to len(indices) = {nnz} without falling")
-        if nnz and (indices.min() < 0 or indices.max() >= n):
-            bad = indices[(indices < 0) | (indices >= n)][0]
-            raise ValueError(f"indices must lie in 0..{n - 1}, got {bad}")
-        weights = None
-        if self.weights is not None:
-            weights = check_weights(self.weights, (nnz,), "one per stored directed edge")
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        if ((indices[1:] <= indices[:-1]) & (rows[1:] == rows[:-1])).any():
-            order = np.lexsort((indices, rows))
-            indices = indices[order]
-            if weights is not None:
-                weights = weights[order]
-        refuse_loops(rows, indices)
-        repeated = (rows[1:] == rows[:-1]) & (indices[1:] == indices[:-1])
-        if repeated.any():
-            u, v = rows[1:][repeated][0], indices[1:][repeated][0]
-            raise ValueError(f"each edge may be stored once per direction, ({u}, {v}) is repeated: {SYMMETRIZE_MENDS}")
-        forward = sparse.csr_array((np.arange(1, nnz + 1), indices, indptr), shape=(n, n))
-        backward = forward.T.tocsr()
-        backward.sort_indices()
-        if not (np.array_equal(backward.indptr, indptr) and np.array_equal(backward.indices, indices)):
-            k = int(np.flatnonzero(~np.isin(rows * n + indices, indices * n + rows))[0])
-            u, v = rows[k], indices[k]
-            raise ValueError(
-                f"the graph must be symmetric, every edge stored in both directions: ({u}, {v}) is stored but "
-                f"({v}, {u}) is not: {SYMMETRIZE_MENDS}"
-            )
-        if weights is not None:
-            mirrored = weights[backward.data - 1]
-            if not np.array_equal(weights, mirrored):
-                k = int(np.flatnonzero(weights != mirrored)[0])
-                raise ValueError(
-                    f"weights must be the same in both directions, edge ({rows[k]}, {indices[k]}) has "
-                    f"{weights[k]} one way and {mirrored[k]} the other: {SYMMETRIZE_MENDS}"
-                )
-        positions = None
-        if self.positions is not None:
-            positions = np.array(self.positions, dtype=np.float64)
-            if positions.ndim != 2 or len(positions) != n or not np.isfinite(positions).all():
-                raise ValueError(f"positions must be finite and of shape ({n}, d), got shape {positions.shape}")
+        indptr, indices, weights = checked_rows(self.indptr, self.indices, self.weights)
+        n = len(indptr) - 1
+        positions = checked_positions(self.positions, n)
         if self.grid is not None and self.grid.n_vertices != n:
             raise ValueError(f"the grid has {self.grid.n_vertices} vertices, the graph {n}")
         narrow = np.int32 if n < 2**31 else np.int64

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import BLOCK_ENTRIES, FloatArray, IntArray, frozen
+from ..arrays import FloatArray, IntArray, frozen
 from ..checks import choice, number
 from .csr import Graph
-from .edges import METRICS, Metric, check_weights, checked_spacing
+from .edges import METRICS, Metric, checked_spacing
+from .grid_edges import EdgeLists
+
+
+def row_major(shape: tuple[int, ...]) -> IntArray:
+    """Steps in numbers from one cell to the next along each axis of an array of this shape, (ndim,)."""
+    return np.array([math.prod(shape[d + 1 :]) for d in range(len(shape))], np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +92,7 @@ class GridGraph:
         object.__setattr__(self, "_offsets", frozen(self._window()))
 
     def _window(self) -> IntArray:
-        steps = np.array(self.spacing or (1.0,) * len(self.shape))
+        steps = self.cell
         # An axis of s cells has no neighbour further than s - 1.
         reach = [int(min(self.radius / d + 1e-9, s - 1)) for d, s in zip(steps, self.shape, strict=True)]
         axes = [np.arange(-r, r + 1) for r in reach]
@@ -139,8 +145,35 @@ class GridGraph:
     def n_edges(self) -> int:
         """Number of directed edges, twice the number of undirected ones."""
         if self.mask is not None:
-            return 2 * sum(int(self._inside_mask(step).sum()) for step in self.forward_offsets)
+            both = (self.mask[start] & self.mask[end] for start, end in map(self.ends, self.forward_offsets))
+            return 2 * sum(int(inside.sum()) for inside in both)
         return sum(math.prod(s - abs(int(o)) for s, o in zip(self.shape, step, strict=True)) for step in self.offsets)
+
+    @property
+    def strides(self) -> IntArray:
+        """Steps in vertex numbers along each axis, (ndim,): vertices are numbered in row-major order."""
+        return row_major(self.shape)
+
+    @property
+    def steps(self) -> IntArray:
+        """Steps in vertex numbers along each forward offset, (K/2,)."""
+        steps: IntArray = self.forward_offsets @ self.strides
+        return steps
+
+    @property
+    def cell(self) -> FloatArray:
+        """Distance between cells along each axis, (ndim,): the spacing, or 1."""
+        return np.array(self.spacing or (1.0,) * self.ndim)
+
+    def positions(self) -> FloatArray:
+        """Coordinates of the vertices in the units of `spacing`, (n, ndim)."""
+        positions: FloatArray = np.stack(np.unravel_index(np.arange(self.n_vertices), self.shape), axis=-1) * self.cell
+        return positions
+
+    @property
+    def edges(self) -> EdgeLists:
+        """The directed edges as a list, and the forms of functions on them."""
+        return EdgeLists(self)
 
     def ends(self, step: IntArray) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
         """Slices of an array on the grid that select the start and the end of every edge along `step`."""
@@ -149,133 +182,29 @@ class GridGraph:
         end = tuple(slice(max(0, o), s - max(0, -o)) for o, s in pairs)
         return start, end
 
-    def _inside_mask(self, step: IntArray) -> npt.NDArray[np.bool_]:
-        start, end = self.ends(step)
-        assert self.mask is not None
-        both: npt.NDArray[np.bool_] = self.mask[start] & self.mask[end]
-        return both
-
-    def unit_half_weights(self) -> FloatArray:
-        """Weight 1 on every edge as stored once per pair, (K/2, *shape): 0 where an edge leaves grid or mask."""
-        half = np.zeros((self.half_window, *self.shape), np.float32)
-        for plane, step in zip(half, self.forward_offsets, strict=True):
-            start, _ = self.ends(step)
-            plane[start] = 1 if self.mask is None else self._inside_mask(step)
-        return half
-
-    def _edge_blocks(self) -> Iterator[tuple[IntArray, IntArray, npt.NDArray[np.bool_]]]:
-        """Blocks of vertices u (B,), their neighbours v (B, K), and which of these exist (B, K)."""
-        offsets, K = self.offsets, max(1, len(self.offsets))
-        strides = np.array([math.prod(self.shape[d + 1 :]) for d in range(self.ndim)], np.int64)
-        jumps = offsets @ strides
-        block = max(1, BLOCK_ENTRIES // (K * self.ndim))
-        inside = None if self.mask is None else self.mask.ravel()
-        for begin in range(0, self.n_vertices, block):
-            u = np.arange(begin, min(begin + block, self.n_vertices))
-            there = np.stack(np.unravel_index(u, self.shape), axis=-1)[:, None, :] + offsets[None]
-            exists: npt.NDArray[np.bool_] = np.asarray(((there >= 0) & (there < np.array(self.shape))).all(axis=-1))
-            v = u[:, None] + jumps[None]
-            if inside is not None:
-                exists = exists & inside[u][:, None] & inside[np.where(exists, v, 0)]
-            yield u, v, exists
-
     def to_graph(self, half_weights: FloatArray | None = None) -> Graph:
         """The same graph as CSR with row-major vertices, carrying positions (in units of spacing) and the grid.
 
         Parameters
         ----------
         half_weights : (K/2, *shape) float array, optional
-            Weights stored once per pair, as the ``half_weights`` methods give them; None means 1.
+            Weights stored once per pair, as ``edges.scatter_half`` gives them; None means 1.
         """
-        counts, columns = [], []
-        for _, v, exists in self._edge_blocks():
-            counts.append(exists.sum(axis=1))
-            columns.append(v[exists])
-        indptr = np.concatenate([[0], np.cumsum(np.concatenate(counts))])
-        indices = np.concatenate(columns)
-        weights = None if half_weights is None else self.half_to_edges(half_weights)
-        steps = np.array(self.spacing or (1.0,) * self.ndim)
-        positions = np.stack(np.unravel_index(np.arange(self.n_vertices), self.shape), axis=-1) * steps
-        return Graph(indptr, indices, weights, positions, self)
+        indptr, indices = self.edges.rows()
+        weights = None if half_weights is None else self.edges.gather_half(half_weights)
+        return Graph(indptr, indices, weights, self.positions(), self)
 
-    def half_to_edges(self, half: npt.ArrayLike) -> FloatArray:
-        """Weights stored once per pair, (K/2, *shape), as one per directed edge in the order of :meth:`to_graph`."""
-        H, n = self.half_window, self.n_vertices
-        planes: FloatArray = np.asarray(half)
-        if planes.shape != (H, *self.shape):
-            raise ValueError(f"half weights must have shape {(H, *self.shape)}, got {planes.shape}")
-        flat = planes.reshape(H, n)
-        values = []
-        for u, v, exists in self._edge_blocks():
-            table = np.empty(v.shape, planes.dtype)
-            for k in range(2 * H):
-                plane = k - H if k >= H else H - 1 - k
-                table[:, k] = flat[plane, u if k >= H else np.where(exists[:, k], v[:, k], 0)]
-            values.append(table[exists])
-        return np.concatenate(values)
+    def part(self, box: tuple[slice, ...]) -> GridGraph:
+        """The grid graph of the cells in a box, with its part of the mask.
 
-    def flat_edges(self, values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-        """One value per directed edge, given as (n_edges,) or (*shape, K), in the order of :meth:`to_graph`.
-
-        Raises
-        ------
-        ValueError
-            Another shape.
+        Parameters
+        ----------
+        box : tuple of slice
+            One per axis, with `start` and `stop` inside the grid, of step 1.
         """
-        K, array = len(self.offsets), np.asarray(values)
-        if array.shape == (self.n_edges,):
-            return array
-        if array.shape != (*self.shape, K):
-            raise ValueError(
-                f"{name} must have shape ({self.n_edges},), one per directed edge in the order of to_graph(), "
-                f"or {(*self.shape, K)}, one per offset; got {array.shape}"
-            )
-        exists = np.concatenate([exists.ravel() for _, _, exists in self._edge_blocks()])
-        kept: npt.NDArray[Any] = array.reshape(-1)[exists]
-        return kept
-
-    def window_to_edges(self, planes: FloatArray) -> FloatArray:
-        """A function on the edges as one plane per offset, (K, *shape, m), in the order of :meth:`to_graph`."""
-        K, n = len(self.offsets), self.n_vertices
-        flat = planes.reshape(K, n, planes.shape[-1])
-        values = [flat[:, u].transpose(1, 0, 2)[exists] for u, _, exists in self._edge_blocks()]
-        return np.concatenate(values)
-
-    def edges_to_window(self, values: FloatArray) -> FloatArray:
-        """A function on the edges, (n_edges, m), as one plane per offset with 0 where an edge leaves grid or mask."""
-        K, n, m = len(self.offsets), self.n_vertices, values.shape[1]
-        planes = np.zeros((K, n, m), values.dtype)
-        begin = 0
-        for u, _, exists in self._edge_blocks():
-            table = np.zeros((*exists.shape, m), values.dtype)
-            count = int(exists.sum())
-            table[exists] = values[begin : begin + count]
-            planes[:, u] = table.transpose(1, 0, 2)
-            begin += count
-        return planes.reshape(K, *self.shape, m)
-
-    def edges_to_half(self, values: npt.ArrayLike) -> FloatArray:
-        """One weight per directed edge, as (n_edges,) or (*shape, K), checked and stored once per pair.
-
-        Raises
-        ------
-        ValueError
-            Another shape, a negative or non-finite weight, or two directions that differ.
-        """
-        H, n = self.half_window, self.n_vertices
-        array = self.flat_edges(values, "weights")
-        array = check_weights(array, (self.n_edges,), "one per directed edge in the order of to_graph()")
-        half = np.zeros((H, n), array.dtype)
-        begin = 0
-        for u, _, exists in self._edge_blocks():
-            table = np.zeros(exists.shape, array.dtype)
-            count = int(exists.sum())
-            table[exists] = array[begin : begin + count]
-            half[:, u] = table[:, H:].T
-            begin += count
-        if not np.array_equal(self.half_to_edges(half.reshape(H, *self.shape)), array):
-            raise ValueError("weights must be the same in both directions of an edge; symmetrise them first")
-        return half.reshape(H, *self.shape)
+        shape = tuple(s.stop - s.start for s in box)
+        mask = None if self.mask is None else self.mask[box]
+        return GridGraph(shape, self.radius, self.metric, spacing=self.spacing, mask=mask)
 
 
 AnyGraph = Graph | GridGraph

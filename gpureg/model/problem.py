@@ -87,14 +87,14 @@ def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     if array.dtype.kind not in "iuf" or array.ndim == 0:
         raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)}, or one number per directed edge, got {gamma!r}")
     if isinstance(graph, GridGraph):
-        array = graph.flat_edges(array, "gamma")
+        array = graph.edges.listed(array, "gamma")
     elif array.shape != (graph.n_edges,):
         raise ValueError(f"gamma must have shape ({graph.n_edges},), one per stored directed edge, got {array.shape}")
     values: FloatArray = array.astype(np.float64)
     if not np.isfinite(values).all() or (values.size and values.min() < 0):
         bad = values[~(np.isfinite(values) & (values >= 0))][0]
         raise ValueError(f"gamma must be finite and >= 0, got {bad}")
-    return graph.edges_to_window(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+    return graph.edges.scatter(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class Problem:
         elif np.asarray(weights).dtype.kind not in "biuf":
             raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
         elif isinstance(graph, GridGraph):
-            given = graph.edges_to_half(weights)
+            given = graph.edges.scatter_half(weights)
         else:
             given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
             if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):

@@ -62,7 +62,7 @@ def difference(
     on, function = put_function(f, graph, 2.0, 0.0, True, settings)
     host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
     if isinstance(graph, GridGraph):
-        host = graph.window_to_edges(host)
+        host = graph.edges.gather(host)
     return host[:, 0] if np.shape(f) in bare(graph) else host
 
 
@@ -146,7 +146,7 @@ def adjoint(
     table = _edge_function(graph, H)
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
-    planes = graph.edges_to_window(table) if isinstance(graph, GridGraph) else table
+    planes = graph.edges.scatter(table) if isinstance(graph, GridGraph) else table
     host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
     if on.scale is not None:
         host = (host * on.scale).astype(host.dtype)

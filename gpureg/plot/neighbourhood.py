@@ -195,7 +195,7 @@ def _weights_of(
     assert isinstance(grid, GridGraph)
     half = device.get_weights(DeviceProblem.put(part, device).weighted)
     if half is None:
-        half = grid.unit_half_weights()
+        half = grid.edges.unit_half()
     corner = np.array([s.start for s in box])
     u = np.array(at) - corner
     v = u + grid.offsets

@@ -54,8 +54,8 @@ def stored_weights(
     on = DeviceProblem.put(problem, backends.get("numpy", kind))
     values = on.backend.get_weights(on.weighted)
     if isinstance(graph, GridGraph):
-        half = graph.unit_half_weights() if values is None else values
-        stored, values = graph.to_graph(), graph.half_to_edges(half)
+        half = graph.edges.unit_half() if values is None else values
+        stored, values = graph.to_graph(), graph.edges.gather_half(half)
     else:
         stored = graph
         values = np.ones(graph.n_edges) if values is None else values

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...graphs.grid import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..types import Array, Device, Storage, Weighted, expect_storage, expect_stored
 from .buffers import Recomputed
@@ -81,7 +81,7 @@ class OpenCLPatches(OpenCLLaunches):
         padded, sites = padded_for_patches(graph, f, form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
-        jumps = patch_jumps(window.shape, shape)
+        jumps = patch_jumps(window.shape, row_major(shape))
         spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
         args = [
             self.upload(padded),
@@ -162,7 +162,7 @@ class OpenCLPatches(OpenCLLaunches):
         out = self.empty(grid, f.channels) if out is None else out
         lines = patch_lines(grid, radius)
         if weighted.weights is None:
-            weighted = self.prepare(grid, grid.unit_half_weights())
+            weighted = self.prepare(grid, grid.edges.unit_half())
         args = [np.int32(len(lines)), self.upload(lines), f.buffer, share.buffer, centre.buffer, out.buffer]
         self._run("aggregate", weighted, args, (f"-DM={f.channels}", f"-DR={radius}"))
         return out

@@ -14,7 +14,7 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.csr import Graph
 from ...graphs.edges import opposite_edges
-from ...graphs.grid import GridGraph
+from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import csr, grid
 from ..types import Array, Kept
 
@@ -108,8 +108,7 @@ class Grid:
         self._real = real
         self._struct, place, sizes = grid.struct(self._real, graph.ndim)
         leading = graph.ndim - 1 if graph.ndim > 2 else 0
-        strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
-        rows = graph.offsets[:, :-1] @ np.array(strides, np.int64)
+        rows = graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
         self._reach = int(np.abs(graph.offsets[:, -1]).max(initial=0))
         steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
         self.offsets = upload(steps.astype(np.int32), place)
