@@ -252,6 +252,41 @@ def test_offsets_are_in_order_and_mirrored(shape, radius, metric, spacing):
     assert [tuple(o) for o in grid.forward_offsets.tolist()] == [o for o in offsets if o > (0,) * grid.ndim]
 
 
+@pytest.mark.parametrize(("shape", "radius", "metric", "spacing"), GRIDS)
+def test_numbers_and_places_of_vertices(shape, radius, metric, spacing):
+    grid = GridGraph(shape, radius, metric, spacing=spacing)
+    cells = list(np.ndindex(shape))
+    assert (np.array(cells) @ grid.strides).tolist() == list(range(grid.n_vertices))
+    assert_array_equal(grid.positions(), np.array(cells) * np.array(spacing or (1.0,) * len(shape)))
+    assert grid.steps.shape == (grid.half_window,)
+    for step, offset in zip(grid.steps.tolist(), grid.forward_offsets.tolist(), strict=True):
+        ends = [tuple(np.add(cell, offset)) for cell in cells]
+        assert {cells.index(v) - u for u, v in enumerate(ends) if v in cells} == {step}
+
+
+def test_a_part_of_a_grid():
+    mask = np.random.default_rng(3).random((6, 7)) < 0.7
+    grid = GridGraph((6, 7), 1.5, "euclidean", spacing=(1, 0.5), mask=mask)
+    part = grid.part((slice(2, 5), slice(0, 3)))
+    assert (part.shape, part.radius, part.metric, part.spacing) == ((3, 3), 1.5, "euclidean", (1, 0.5))
+    assert_array_equal(part.mask, mask[2:5, :3])
+    assert GridGraph((6, 7)).part((slice(2, 5), slice(0, 3))).mask is None
+
+
+@pytest.mark.parametrize("name", ["small grid", "small masked", "small volume"])
+def test_a_function_on_the_edges_as_planes(name):
+    grid, graph = cases.graph(name), cases.graph(name).to_graph()
+    values = np.random.default_rng(4).random((grid.n_edges, 2))
+    planes = grid.edges.scatter(values)
+    assert planes.shape == (len(grid.offsets), *grid.shape, 2)
+    vertices, numbers = paper.pixels(grid.shape), {tuple(o): k for k, o in enumerate(grid.offsets.tolist())}
+    expected = np.zeros_like(planes)
+    for i, j, value in zip(graph.edge_rows(), graph.indices, values, strict=True):
+        expected[(numbers[tuple(np.subtract(vertices[j], vertices[i]).tolist())], *vertices[i])] = value
+    assert_array_equal(planes, expected)
+    assert_array_equal(grid.edges.gather(planes), values)
+
+
 def test_a_grid_takes_a_number_for_a_line_and_says_what_it_is():
     line = GridGraph(5)
     assert line.shape == (5,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +21,25 @@ from .grid_edges import EdgeLists
 def row_major(shape: tuple[int, ...]) -> IntArray:
     """Steps in numbers from one cell to the next along each axis of an array of this shape, (ndim,)."""
     return np.array([math.prod(shape[d + 1 :]) for d in range(len(shape))], np.int64)
+
+
+@functools.lru_cache(maxsize=16)
+def _window(reach: tuple[int, ...], radius: float, metric: Metric, spacing: tuple[float, ...] | None) -> IntArray:
+    """The offsets of a neighbourhood that goes so many cells along each axis, (K, ndim), read-only.
+
+    They are cached: grids of many sizes share them while a job is cut into tiles.
+    """
+    offsets = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1)
+    offsets = offsets.reshape(-1, len(reach))
+    distance = np.abs(offsets) * np.array(spacing or (1.0,) * len(reach))
+    if metric == "chebyshev":
+        length = distance.max(axis=1)
+    elif metric == "euclidean":
+        length = np.sqrt((distance**2).sum(axis=1))
+    else:
+        length = distance.sum(axis=1)
+    inside = (length <= radius * (1 + 1e-9)) & (np.abs(offsets).sum(axis=1) > 0)
+    return frozen(offsets[inside].astype(np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,24 +109,9 @@ class GridGraph:
         for name, value in (("shape", sizes), ("radius", radius), ("metric", metric), ("spacing", steps)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "mask", inside)
-        object.__setattr__(self, "_offsets", frozen(self._window()))
-
-    def _window(self) -> IntArray:
-        steps = self.cell
         # An axis of s cells has no neighbour further than s - 1.
-        reach = [int(min(self.radius / d + 1e-9, s - 1)) for d, s in zip(steps, self.shape, strict=True)]
-        axes = [np.arange(-r, r + 1) for r in reach]
-        offsets = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-        distance = np.abs(offsets) * steps
-        if self.metric == "chebyshev":
-            length = distance.max(axis=1)
-        elif self.metric == "euclidean":
-            length = np.sqrt((distance**2).sum(axis=1))
-        else:
-            length = distance.sum(axis=1)
-        kept = (length <= self.radius * (1 + 1e-9)) & (np.abs(offsets).sum(axis=1) > 0)
-        window: IntArray = offsets[kept].astype(np.int64)
-        return window
+        reach = tuple(int(min(radius / d + 1e-9, s - 1)) for d, s in zip(self.cell.tolist(), sizes, strict=True))
+        object.__setattr__(self, "_offsets", _window(reach, radius, metric, steps))
 
     def __repr__(self) -> str:
         masked = "" if self.mask is None else f", {int(self.mask.sum())} cells in the mask"

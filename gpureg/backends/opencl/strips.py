@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...graphs.grid import GridGraph, row_major
 from ..patches import PatchForm, patch_jumps, reflected
-from .layout import Upload, round_up
+from .geometry import round_up
+from .layout import Upload
 
 # On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
 # work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.
