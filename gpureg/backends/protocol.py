@@ -19,7 +19,7 @@ from .duality import Duality
 from .patches import (
     PatchForm,
 )
-from .types import Array, Conductance, Device, EdgeNorm, Storage, Weighted
+from .types import Array, Conductance, Device, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
@@ -129,15 +129,23 @@ class Backend(Duality, Zones):
         patches = self.patch_bytes(graph, channels if guide is None else guide, radius)
         return (self.edge_bytes(graph), self.function_bytes(graph, channels), *patches)
 
-    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
-        """What a sweep needs for a while, besides the arrays that it is given."""
+    def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
+        """What a sweep needs for a while, besides the arrays that it is given; `norms` gradient norms are stored."""
         return 0
 
-    # Primitives: kernels/README.md is their contract
+    # Primitives: kernels/README.md is their contract. A public method allocates what is to be written, where the caller
+    # gives no `out`, and its counterpart with an underscore computes into it.
+
+    def _out(self, graph: AnyGraph, channels: int, out: Array | None) -> Array:
+        return self.empty(graph, channels) if out is None else out
+
+    @abstractmethod
+    def channels(self, x: Array) -> int:
+        """The number of channels of a device function, on the vertices or on the edges."""
 
     @abstractmethod
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
-        """The graph with weights computed from patches of `f`, a host function (n, m).
+        """Compute weights from patches of `f`, a host function (n, m).
 
         On a grid weights may be stored in float16 ("half"), off by at most 2^-11 of their size, or by 2^-25 where they
         are below 2^-14. Those of patches of one cell may not be stored at all ("none"), but computed at each use.
@@ -148,32 +156,59 @@ class Backend(Duality, Zones):
             A storage that this backend, or this kind of graph, does not have.
         """
 
-    @abstractmethod
     def degree(self, weighted: Weighted) -> Array:
-        """Sum of the weights around each vertex, 1 channel; of gamma(u, v)^2, where that is given."""
+        """Sum the weights around each vertex, 1 channel; gamma(u, v)^2, where that is given."""
+        out = self.empty(weighted.graph, 1)
+        self._degree(weighted, out)
+        return out
 
     @abstractmethod
+    def _degree(self, weighted: Weighted, out: Array) -> None: ...
+
     def largest_weight(self, weighted: Weighted) -> Array:
-        """The largest weight around each vertex, 1 channel, 0 where there is none; of gamma(u, v)^2, where given."""
+        """Find the largest weight (or gamma^2, where given) around each vertex, 1 channel; 0 where there is none."""
+        out = self.empty(weighted.graph, 1)
+        self._largest_weight(weighted, out)
+        return out
 
     @abstractmethod
+    def _largest_weight(self, weighted: Weighted, out: Array) -> None: ...
+
     def aggregate(
         self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
     ) -> Array:
-        """Sums over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
+        """Sum over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
 
         `share` and `centre` have 1 channel; the weights are stored.
         """
+        expect_stored(weighted)
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._aggregate(weighted, f, share, centre, radius, out)
+        return out
 
     @abstractmethod
+    def _aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array
+    ) -> None: ...
+
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
-        """The difference d_w f, a function on the directed edges."""
+        """Compute the difference d_w f, a function on the directed edges."""
+        out = self.empty_edges(weighted.graph, self.channels(f)) if out is None else out
+        self._difference(weighted, f, out)
+        return out
 
     @abstractmethod
+    def _difference(self, weighted: Weighted, f: Array, out: Array) -> None: ...
+
     def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
-        """The adjoint of the difference, of a function on the directed edges."""
+        """Compute the adjoint of the difference, of a function on the directed edges."""
+        out = self._out(weighted.graph, self.channels(H), out)
+        self._adjoint(weighted, H, out)
+        return out
 
     @abstractmethod
+    def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None: ...
+
     def gradient_norm(
         self,
         weighted: Weighted,
@@ -185,16 +220,39 @@ class Backend(Duality, Zones):
         edge_power: float | None = None,
         out: Array | None = None,
     ) -> Array:
-        """(|grad f|^2 + eps^2)^power: 1 channel if coupled, otherwise one per channel of f.
+        """Compute a power of the gradient norm: 1 channel if coupled, otherwise one per channel of f.
 
-        With an `edge_power`, (sum over the edges of (d^2 + eps^2)^edge_power)^power.
+            (|grad f|^2 + eps^2)^power
+
+        With an `edge_power` each edge by itself:
+
+            (sum over the edges of (d^2 + eps^2)^edge_power)^power
         """
+        out = self._out(weighted.graph, 1 if coupled else self.channels(f), out)
+        self._gradient_norm(weighted, f, power, eps, coupled, edge_power, out)
+        return out
 
     @abstractmethod
+    def _gradient_norm(
+        self,
+        weighted: Weighted,
+        f: Array,
+        power: float,
+        eps: float,
+        coupled: bool,
+        edge_power: float | None,
+        out: Array,
+    ) -> None: ...
+
     def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
-        """The p-Laplacian of f, given the conductances."""
+        """Compute the p-Laplacian of f, given the conductances."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._p_laplacian(weighted, f, g, out)
+        return out
 
     @abstractmethod
+    def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None: ...
+
     def jacobi_step(
         self,
         weighted: Weighted,
@@ -206,9 +264,16 @@ class Backend(Duality, Zones):
         theta: float = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """One sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+        """Do one sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._jacobi_step(weighted, f, f0, g, lam, theta, out)
+        return out
 
     @abstractmethod
+    def _jacobi_step(
+        self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
+    ) -> None: ...
+
     def euler_step(
         self,
         weighted: Weighted,
@@ -220,44 +285,39 @@ class Backend(Duality, Zones):
         *,
         out: Array | None = None,
     ) -> Array:
-        """One step of the explicit Euler process, given the conductances; `out` is not f."""
+        """Do one step of the explicit Euler process, given the conductances; `out` is not f."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._euler_step(weighted, f, f0, g, lam, tau, out)
+        return out
 
     @abstractmethod
-    def energy(
+    def _euler_step(
         self,
         weighted: Weighted,
         f: Array,
         f0: Array,
+        g: Conductance,
         lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-    ) -> float:
-        """The eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
+        tau: float | Array,
+        out: Array,
+    ) -> None: ...
 
     @abstractmethod
-    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
-        """Largest absolute difference; infinity if there is a NaN."""
+    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
+        """Compute the eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
 
     # Steps made of several primitives: a backend with a fused kernel overrides them
 
-    def conductances(
-        self,
-        weighted: Weighted,
-        f: Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-        g: Array | None = None,
-    ) -> Conductance:
-        """What the p-Laplacian and both processes take; `g` is scratch of as many channels as gradient norms."""
-        if edge_norm:
-            return EdgeNorm(p, eps, coupled)
-        return None if p == 2 else self.gradient_norm(weighted, f, power=(p - 2) / 2, eps=eps, coupled=coupled, out=g)
+    def conductances(self, weighted: Weighted, f: Array, model: Smoothness, *, g: Array | None = None) -> Conductance:
+        """Compute what the p-Laplacian and both processes take.
+
+        `g` is scratch memory of as many channels as gradient norms.
+        """
+        if model.edge:
+            return model
+        if model.p == 2:
+            return None
+        return self.gradient_norm(weighted, f, power=model.power, eps=model.eps, coupled=model.coupled, out=g)
 
     def sweep(
         self,
@@ -265,17 +325,17 @@ class Backend(Duality, Zones):
         f: Array,
         f0: Array,
         lam: float | Array,
+        model: Smoothness,
         *,
-        p: float,
-        eps: float,
-        coupled: bool,
         theta: float,
-        edge_norm: bool = False,
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Conductances, then one Jacobi step, from `f` to `out`; `g` is scratch as in :meth:`conductances`."""
-        found = self.conductances(weighted, f, p=p, eps=eps, coupled=coupled, edge_norm=edge_norm, g=g)
+        """Do a sweep from `f` to `out`: conductances, then one Jacobi step.
+
+        `g` is scratch memory as in :meth:`conductances`.
+        """
+        found = self.conductances(weighted, f, model, g=g)
         return self.jacobi_step(weighted, f, f0, found, lam, theta=theta, out=out)
 
     def similarity_step(
@@ -290,7 +350,7 @@ class Backend(Duality, Zones):
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
-        """One Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
+        """Do one Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
 
         With `largest` lam counts in units of the largest weight around each vertex.
 
