@@ -92,6 +92,8 @@ def checked_positions(positions: Any, n: int) -> FloatArray | None:
     """Coordinates of n vertices as a float64 array (n, d), checked; None stays None."""
     if positions is None:
         return None
+    if np.asarray(positions).dtype.kind not in "biuf":
+        raise TypeError(f"positions must hold real numbers, got {np.asarray(positions).dtype}")
     array = np.array(positions, dtype=np.float64)
     if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
         raise ValueError(f"positions must be finite and of shape ({n}, d), got shape {array.shape}")

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, frozen, integers
 from ..checks import integer
+from ..doors import door
 from .checked import checked_positions, checked_rows
 from .edges import Symmetrize, check_symmetrize, check_weights, symmetrized
 
@@ -65,6 +66,7 @@ class Graph:
     positions: FloatArray | None = None
     grid: GridGraph | None = None
 
+    @door(name="Graph")
     def __post_init__(self) -> None:
         indptr, indices, weights = checked_rows(self.indptr, self.indices, self.weights)
         n = len(indptr) - 1
@@ -82,6 +84,7 @@ class Graph:
         return f"Graph({self.n_vertices} vertices, {self.n_edges // 2} undirected edges, {weighted})"
 
     @classmethod
+    @door(name="Graph.from_edges")
     def from_edges(
         cls,
         edges: npt.ArrayLike,
@@ -91,12 +94,13 @@ class Graph:
         positions: npt.ArrayLike | None = None,
         symmetrize: Symmetrize | None = None,
     ) -> Self:
-        """Graph from a list of undirected edges, each given once; with `symmetrize`, from any list.
+        """Make a graph of a list of undirected edges, each given once; with `symmetrize`, of any list.
 
         Parameters
         ----------
-        edges : (E, 2) int array
-            Pairs of vertices.
+        edges : (E, 2) or (2, E) int array
+            Pairs of vertices, one per row; or the first vertices and the second ones, as two rows. A (2, 2) array
+            holds a pair per row.
         weights : (E,) float array, optional
             One weight per undirected edge; None means 1 everywhere.
         n_vertices : int, optional
@@ -135,8 +139,10 @@ class Graph:
         check_symmetrize(symmetrize)
         pairs = np.asarray(edges)
         pairs = integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
+        if 2 not in pairs.shape:
+            raise ValueError(f"edges must have shape (E, 2) or (2, E), got {pairs.shape}")
         if pairs.shape[1] != 2:
-            raise ValueError(f"edges must have shape (E, 2), got {pairs.shape}")
+            pairs = pairs.T
         if n_vertices is not None:
             integer("n_vertices", n_vertices, low=1)
         n = int(pairs.max()) + 1 if n_vertices is None and len(pairs) else n_vertices
@@ -155,7 +161,7 @@ class Graph:
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
     def to_edges(self) -> tuple[IntArray, FloatArray | None]:
-        """Each undirected edge once: what :meth:`from_edges` takes, with ``n_vertices`` besides.
+        """List each undirected edge once, as :meth:`from_edges` takes them together with ``n_vertices``.
 
         Returns
         -------
@@ -176,10 +182,11 @@ class Graph:
         return edges, None if self.weights is None else self.weights[once]
 
     @classmethod
+    @door(name="Graph.from_scipy")
     def from_scipy(
         cls, matrix: Any, *, symmetrize: Symmetrize | None = None, positions: npt.ArrayLike | None = None
     ) -> Self:
-        """Graph whose weight matrix W is the sparse `matrix`; explicit zeros stay edges.
+        """Make the graph whose weight matrix W is a sparse matrix; explicit zeros stay edges.
 
         Parameters
         ----------

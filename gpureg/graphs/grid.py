@@ -6,13 +6,13 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, frozen
 from ..checks import choice, number
+from ..doors import door
 from .csr import Graph
 from .edges import METRICS, Metric, checked_spacing
 from .grid_edges import EdgeLists
@@ -84,6 +84,7 @@ class GridGraph:
     spacing: tuple[float, ...] | None = None
     mask: npt.NDArray[np.bool_] | None = None
 
+    @door(name="GridGraph")
     def __init__(
         self,
         shape: int | Sequence[int],
@@ -213,11 +214,3 @@ class GridGraph:
 
 
 AnyGraph = Graph | GridGraph
-
-
-def check_stored(name: str, graph: Any) -> None:
-    """TypeError unless this is a :class:`Graph`, whose edges are stored."""
-    if isinstance(graph, GridGraph):
-        raise TypeError(f"{name} takes a Graph, got a GridGraph: give grid.to_graph()")
-    if not isinstance(graph, Graph):
-        raise TypeError(f"{name} takes a Graph, got {type(graph).__name__}")

@@ -78,6 +78,11 @@ def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> float | FloatArray:
     return float(array) if array.ndim == 0 else array.reshape(-1).astype(np.float64)
 
 
+def uses_degrees(gamma: object) -> bool:
+    """Whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
+    return isinstance(gamma, str) and gamma in ("normalized", "degree")
+
+
 def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
     if isinstance(gamma, str):
@@ -152,8 +157,6 @@ class Problem:
 
         Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
         """
-        if not isinstance(graph, Graph | GridGraph):
-            raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
         edge_factor = as_gamma(graph, gamma)
