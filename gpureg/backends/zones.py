@@ -37,7 +37,7 @@ _BLOCKS, _LEAST_BLOCK = 4, 1 << 12
 
 
 class Zones(ABC):
-    """What a partition asks of a device."""
+    """The primitives of a partition."""
 
     @abstractmethod
     def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:

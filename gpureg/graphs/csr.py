@@ -108,7 +108,7 @@ class Graph:
         positions : (n, d) float array, optional
             Coordinates of the vertices.
         symmetrize : {"max", "mean", "mutual"}, optional
-            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in whatever
+            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in either
             direction. Otherwise the edges are directed, and all those between u and v, either way, make one:
             "max" takes the largest weight; "mean" half the sum, so that a direction that is missing counts 0 and a
             pair listed both ways gets the mean; "mutual" the smallest, and no edge where a direction is missing.

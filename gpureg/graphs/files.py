@@ -131,7 +131,7 @@ def _read_npz(file: BinaryIO) -> tuple[Any, bool, FloatArray | None]:
     """The matrix, whether it has weights, and positions."""
     from scipy import sparse
 
-    # Without this numpy takes whatever is no archive for a pickle, and its message leads astray.
+    # Without this numpy takes a file that is no archive for a pickle, and its message misleads.
     if not zipfile.is_zipfile(file):
         raise ValueError("it is no zip archive")
     file.seek(0)
@@ -183,8 +183,8 @@ def write_graph(path: str | os.PathLike[str], graph: StoredLike) -> None:
     ----------
     path : path
         The extension tells the format. Matrix Market holds the weights alone, as a symmetric real matrix (pattern
-        where the graph has none) in as many digits as float64 needs; positions, and weights as float32, are kept by
-        .npz only. No format keeps the grid of ``grid.to_graph()``.
+        where the graph has none) in as many digits as float64 needs; only .npz
+        holds positions, and weights as float32. No format holds the grid of ``grid.to_graph()``.
     graph : Graph
         Or a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without self-loops.
 
@@ -233,7 +233,7 @@ def _write_mtx(graph: Graph, packed: bool) -> Callable[[BinaryIO], None]:
         field: Literal["pattern", "real"] = "pattern" if graph.weights is None else "real"
         # 17 digits tell any two float64 apart.
         mmwrite(text, graph.to_scipy().astype(np.float64), field=field, precision=17, symmetry="symmetric")
-        # scipy calls a matrix without entries real, whatever it is told.
+        # scipy writes "real" for a matrix without entries, even where `field` says something else.
         data = text.getvalue().replace(b" real ", f" {field} ".encode(), 1)
         file.write(gzip.compress(data, mtime=0) if packed else data)
 

@@ -60,7 +60,7 @@ def knn_graph(
     distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=reach)
     rows = np.repeat(np.arange(n), most + 1)
     chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
-    # Where it is not even there, for so many coincide, the furthest is left out in its place.
+    # Where more points coincide with it than are asked for, it may be missing: then the furthest is left out instead.
     chosen &= (np.cumsum(chosen.reshape(n, most + 1), axis=1) <= most).ravel()
     edges = np.stack([rows[chosen], near.ravel()[chosen]], axis=1)
     if not len(edges):

@@ -51,10 +51,10 @@ class Layout(ABC):
     global_size, segments : tuple of int
         Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
     group : int or None
-        Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where that
-        number must be kept.
+        Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where it
+        must not be rounded.
     sum_group : tuple of int or None
-        Work items of a sum that go together on a CPU, where their number is kept; None where the driver chooses.
+        Work items of a group of a sum on a CPU, whose number is not rounded; None where the driver chooses.
     kept : Kept
         Weights that are on the device already.
     """
@@ -112,7 +112,7 @@ class CsrLayout(Layout):
         self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
         self.indptr = upload(graph.indptr)
         self.indices = upload(graph.indices)
-        # Made when it is first needed, from what does not keep the graph alive.
+        # Made when it is first needed. The arrays, not the graph: the layouts live as long as their graph.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Buffer = None
         self.segment = max(1, -(-geometry.n // SEGMENTS))
@@ -148,7 +148,7 @@ class GridLayout(Layout):
 
     def __init__(self, upload: Upload, graph: GridGraph, geometry: GridGeometry) -> None:
         super().__init__()
-        # not the graph: the layouts are kept for as long as their graph lives
+        # no reference to the graph: the layouts live as long as it does
         self.geometry: GridGeometry = geometry
         self.width = N = geometry.lanes
         offsets = graph.offsets
@@ -171,7 +171,7 @@ class GridLayout(Layout):
         self.global_size = (packs, rows)
 
     def rings(self, blocks: Blocks, allocate: Callable[[int], Buffer]) -> Buffer:
-        """Scratch for these blocks, kept for the next sweep."""
+        """Scratch memory for these blocks, which the next sweep uses again."""
         nbytes = math.prod(blocks.count) * blocks.ring_size * self.geometry.itemsize
         if self._rings is None or self._rings.size < nbytes:
             self._rings = allocate(nbytes)

@@ -15,8 +15,8 @@ from ..patches import PatchForm, patch_jumps, reflected
 from .geometry import round_up
 from .layout import Upload
 
-# On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
-# work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.
+# On a CPU, rows of a block, and packs of its rows where it has two sums per cell, fewer where it has more: the sums of
+# a work item fit the second cache. A part that begins at multiples of both is cut into blocks of the whole.
 ROWS, PACKS = 32, 8
 # On a GPU, rows that one thread goes down.
 _GPU_ROWS = 8
@@ -71,7 +71,7 @@ class Strips:
         Bytes of a number.
     gpu : bool
     sums : int
-        Sums that a work item keeps per cell.
+        Sums that a work item has per cell.
     """
 
     graph: GridGraph

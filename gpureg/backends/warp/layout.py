@@ -38,13 +38,13 @@ class Csr:
             )
         self.shape = (1, graph.n_vertices)
         self.weight_shape: tuple[int, ...] = (max(graph.n_edges, 1),)
-        # not the graph: the layouts are kept for as long as their graph lives
+        # no reference to the graph: the layouts live as long as it does
         self._n_edges = graph.n_edges
         self._real = real
         self._struct = csr.struct(self._real)
         self.indptr = upload(graph.indptr.astype(np.int32), wp.int32)
         self.indices = upload(graph.indices.astype(np.int32, copy=False), wp.int32)
-        # Made when it is first needed, from what does not keep the graph alive.
+        # Made when it is first needed. The arrays, not the graph: the layouts live as long as their graph.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
         self._cuts: dict[int, list[int]] = {}
