@@ -113,7 +113,6 @@ def test_loops_are_left_out_with_a_warning_where_they_change_nothing(name):
         lambda like: gr.spectral.eigenpairs(like, 2),
         lambda like: gr.spectral.diffuse(F, like, 2),
         lambda like: gr.reordered(like),
-        lambda like: gr.to_networkx(like),
         lambda like: gr.write_graph("never.npz", like),
     ],
 )
@@ -174,7 +173,6 @@ DOORS = {
     "discrepancy": lambda g: gr.tuning.discrepancy(F, g, 0.5, max_iter=5, backend="numpy").result.value,
     "ring_graph": lambda g: gr.ring_graph(g, 2).indices,
     "reordered": lambda g: gr.reordered(g)[0].weights,
-    "to_networkx": lambda g: np.array(list(gr.to_networkx(g).edges)),
 }
 
 

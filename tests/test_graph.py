@@ -52,7 +52,7 @@ REFUSED_GRAPHS = [
     (ValueError, "positions must be finite", lambda: Graph(*PATH, None, np.full((3, 2), np.nan))),
     (ValueError, r"positions .* got shape \(3,\)", lambda: Graph(*PATH, None, np.zeros(3))),
     (ValueError, "the grid has 4 vertices, the graph 3", lambda: Graph(*PATH, None, None, GridGraph(4))),
-    (ValueError, r"edges must have shape \(E, 2\), got \(1, 3\)", lambda: Graph.from_edges([[0, 1, 2]])),
+    (ValueError, r"edges must have shape \(E, 2\) or \(2, E\), got \(1, 3\)", lambda: Graph.from_edges([[0, 1, 2]])),
     (ValueError, r"edges must have 2 dimension", lambda: Graph.from_edges([0, 1])),
     (TypeError, "edges must hold integers", lambda: Graph.from_edges([[0.0, 1.0]])),
     (ValueError, "without edges needs n_vertices", lambda: Graph.from_edges([])),

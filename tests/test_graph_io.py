@@ -131,7 +131,7 @@ def test_wrong_types() -> None:
         gr.from_networkx(nx.Graph([(0, 1, {"weight": "heavy"})]))
     with pytest.raises(TypeError, match=r"got a GridGraph: give grid\.to_graph\(\)"):
         gr.write_graph("x.npz", gr.GridGraph(3))
-    with pytest.raises(TypeError, match=r"to_networkx: graph must be a Graph, a .*, got int"):
+    with pytest.raises(TypeError, match="to_networkx: graph must be a Graph, got int"):
         gr.to_networkx(3)
 
 

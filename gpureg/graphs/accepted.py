@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 
 from .csr import Graph
-from .grid import AnyGraph, GridGraph
+from .grid import AnyGraph, GridGraph, refuse_grid
+from .networkx import from_networkx, without_loops
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -79,7 +80,7 @@ def as_graph(graph: GraphLike, *, name: str = "graph", degrees: bool = False) ->
     return found
 
 
-def as_stored(graph: StoredLike | GridGraph, *, name: str = "graph", degrees: bool = False) -> Graph:
+def as_stored(graph: StoredLike, *, name: str = "graph", degrees: bool = False) -> Graph:
     """Take a graph whose edges are stored, as :func:`as_graph` does.
 
     Raises
@@ -87,8 +88,7 @@ def as_stored(graph: StoredLike | GridGraph, *, name: str = "graph", degrees: bo
     TypeError, ValueError
         A GridGraph; otherwise as :func:`as_graph`.
     """
-    if isinstance(graph, GridGraph):
-        raise TypeError(f"{name} must be a Graph, got a GridGraph: give grid.to_graph()")
+    refuse_grid(name, graph)
     found = graph if isinstance(graph, Graph) else _of_libraries(graph, name, degrees)
     if found is None:
         raise TypeError(f"{name} must be a Graph, {_LIBRARIES}, got {type(graph).__name__}")
@@ -102,8 +102,6 @@ def _of_libraries(graph: Any, name: str, degrees: bool) -> Graph | None:
     if matrices is not None and matrices.issparse(graph):
         return Graph.from_scipy(_without_diagonal(graph, name, degrees))
     if networkx is not None and isinstance(graph, networkx.Graph):
-        from .networkx import from_networkx, without_loops
-
         found, loops = without_loops(graph)
         if loops:
             _leave_out_loops(name, f"{loops} self-loop(s)", degrees)

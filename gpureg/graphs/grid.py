@@ -214,3 +214,9 @@ class GridGraph:
 
 
 AnyGraph = Graph | GridGraph
+
+
+def refuse_grid(name: str, graph: object) -> None:
+    """TypeError for a GridGraph, where edges have to be stored."""
+    if isinstance(graph, GridGraph):
+        raise TypeError(f"{name} must be a Graph, got a GridGraph: give grid.to_graph()")

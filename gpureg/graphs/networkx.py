@@ -11,9 +11,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..doors import door
-from .accepted import StoredLike, as_stored
 from .csr import Graph
 from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize
+from .grid import refuse_grid
 
 
 def _networkx() -> Any:
@@ -135,7 +135,7 @@ def _node_positions(nodes: Mapping[Any, Mapping[str, Any]]) -> FloatArray | None
 
 
 @door
-def to_networkx(graph: StoredLike) -> Any:
+def to_networkx(graph: Graph) -> Any:
     """Make an undirected ``networkx.Graph`` of a graph, with the nodes 0..n-1.
 
     Weights become the edge attribute "weight" (none where the graph has none), positions the node attribute "pos", a
@@ -146,7 +146,7 @@ def to_networkx(graph: StoredLike) -> Any:
     ImportError
         networkx is not installed.
     TypeError
-        What is no graph with stored edges; of a GridGraph, give ``grid.to_graph()``.
+        Something other than a Graph; of a GridGraph, give ``grid.to_graph()``.
 
     Examples
     --------
@@ -154,7 +154,9 @@ def to_networkx(graph: StoredLike) -> Any:
     EdgeDataView([(0, 1, 1.0), (1, 2, 0.5)])
     """
     nx = _networkx()
-    graph = as_stored(graph, degrees=True)
+    refuse_grid("graph", graph)
+    if not isinstance(graph, Graph):
+        raise TypeError(f"graph must be a Graph, got {type(graph).__name__}")
     g = nx.Graph()
     g.add_nodes_from(range(graph.n_vertices))
     if graph.positions is not None:
