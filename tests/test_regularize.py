@@ -348,7 +348,7 @@ BAD = [
     ({"f0": np.zeros((12, 0))}, ValueError, "channels"),
     ({"f0": np.zeros((3, 4), complex)}, TypeError, "real numbers, got complex"),
     ({"f0": [["a"] * 4] * 3}, TypeError, "real numbers"),
-    ({"graph": "grid"}, TypeError, "graph must be a Graph or a GridGraph, got str"),
+    ({"graph": "grid"}, TypeError, "graph must be a Graph, a GridGraph, .* or a graph of networkx, got str"),
     ({"p": 0}, ValueError, "p must be finite and > 0, got 0"),
     ({"p": -1.5}, ValueError, "got -1.5"),
     ({"p": math.nan}, ValueError, "got nan"),

@@ -174,5 +174,5 @@ def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | No
     if weights is not None:
         return weights
     if isinstance(graph, GridGraph):
-        return None if graph.mask is None else graph.unit_half_weights()
+        return None if graph.mask is None else graph.edges.unit_half()
     return graph.weights

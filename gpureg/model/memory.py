@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import backends
 from ..backends import Backend
 from ..checks import choice, flag, integer, number
-from ..graphs.csr import Graph
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm
@@ -126,7 +126,7 @@ def _is_unit(graph: AnyGraph, weights: Any) -> bool:
 
 
 def memory_needed(
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     channels: int = 1,
     p: float = 2.0,
@@ -170,8 +170,7 @@ def memory_needed(
     >>> gr.memory_needed(grid, weights=weights, backend="numpy") // 2**20
     137
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph)
     channels = integer("channels", channels, low=1)
     p, norm = number("p", p, above=0), choice("norm", norm, NORMS)
     coupled, stored = flag("coupled", coupled), flag("stored", stored)

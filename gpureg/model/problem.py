@@ -78,6 +78,11 @@ def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> float | FloatArray:
     return float(array) if array.ndim == 0 else array.reshape(-1).astype(np.float64)
 
 
+def uses_degrees(gamma: object) -> bool:
+    """Whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
+    return isinstance(gamma, str) and gamma in ("normalized", "degree")
+
+
 def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
     if isinstance(gamma, str):
@@ -88,14 +93,14 @@ def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     if array.dtype.kind not in "iuf" or array.ndim == 0:
         raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)}, or one number per directed edge, got {gamma!r}")
     if isinstance(graph, GridGraph):
-        array = graph.flat_edges(array, "gamma")
+        array = graph.edges.listed(array, "gamma")
     elif array.shape != (graph.n_edges,):
         raise ValueError(f"gamma must have shape ({graph.n_edges},), one per stored directed edge, got {array.shape}")
     values: FloatArray = array.astype(np.float64)
     if not np.isfinite(values).all() or (values.size and values.min() < 0):
         bad = values[~(np.isfinite(values) & (values >= 0))][0]
         raise ValueError(f"gamma must be finite and >= 0, got {bad}")
-    return graph.edges_to_window(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+    return graph.edges.scatter(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +157,6 @@ class Problem:
 
         Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
         """
-        if not isinstance(graph, Graph | GridGraph):
-            raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
         edge_factor = as_gamma(graph, gamma)
@@ -167,7 +170,7 @@ class Problem:
         elif np.asarray(weights).dtype.kind not in "biuf":
             raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
         elif isinstance(graph, GridGraph):
-            given = graph.edges_to_half(weights)
+            given = graph.edges.scatter_half(weights)
         else:
             given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
             if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graphs.csr import Graph
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
+from ..model.problem import uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import bare, put_function
 
@@ -32,7 +33,7 @@ def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
 
 def difference(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
@@ -58,15 +59,16 @@ def difference(
     >>> difference([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([ 3., -3.,  0.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, 2.0, 0.0, True, settings)
     host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
     if isinstance(graph, GridGraph):
-        host = graph.window_to_edges(host)
+        host = graph.edges.gather(host)
     return host[:, 0] if np.shape(f) in bare(graph) else host
 
 
-def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **settings: Any) -> FloatArray:
+def edge_derivative(f: npt.ArrayLike, graph: GraphLike, edges: npt.ArrayLike, **settings: Any) -> FloatArray:
     """Derivative of f at u along the edges (u, v) (eq. 5): the difference d_w(f)(u, v) at these edges.
 
     Parameters
@@ -93,6 +95,7 @@ def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **s
     pairs = np.asarray(edges)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         raise ValueError(f"edges must be integers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}")
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     n = graph.n_vertices
     stored = graph.to_graph() if isinstance(graph, GridGraph) else graph
     u, v = pairs.astype(np.int64).T
@@ -109,7 +112,7 @@ def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **s
 
 def adjoint(
     H: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
@@ -141,19 +144,18 @@ def adjoint(
     >>> adjoint([1.0, 0.0, 0.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([-1.,  1.,  0.], dtype=float32)
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     table = _edge_function(graph, H)
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
-    planes = graph.edges_to_window(table) if isinstance(graph, GridGraph) else table
+    planes = graph.edges.scatter(table) if isinstance(graph, GridGraph) else table
     host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
     if on.scale is not None:
         host = (host * on.scale).astype(host.dtype)
     return host[:, 0] if np.ndim(H) == 1 else host
 
 
-def divergence(H: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
+def divergence(H: npt.ArrayLike, graph: GraphLike, **settings: Any) -> FloatArray:
     """Divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
 
     It sums to 0 over the vertices where gamma is symmetric (Property 1).

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import put_function
 
 
-def dirichlet_energy(f: npt.ArrayLike, graph: AnyGraph, p: float, **settings: Any) -> float:
+def dirichlet_energy(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Any) -> float:
     """p-Dirichlet energy 1/p sum_u |grad_w f(u)|^p (eq. 20, with eps eq. 15); the settings are those of p_laplacian.
 
     With ``norm="edge"``, 1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), over the edges whose gamma is not 0.
@@ -29,7 +29,7 @@ def dirichlet_energy(f: npt.ArrayLike, graph: AnyGraph, p: float, **settings: An
 def energy(
     f: npt.ArrayLike,
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     lam: float | npt.ArrayLike,
     *,
@@ -56,6 +56,7 @@ def energy(
     >>> energy([0.0, 3.0, 3.0], [1.0, 3.0, 3.0], graph, 2, 4.0, backend="numpy")
     11.0
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.
     on, function = put_function(f, graph, p, eps or 1.0, coupled, settings, lam=lam, f0=f0)

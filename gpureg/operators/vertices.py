@@ -9,15 +9,15 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import number
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import bare, put_function
 
 
 def gradient_norm(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float = 2.0,
     *,
     eps: float = 0.0,
@@ -51,6 +51,7 @@ def gradient_norm(
     >>> gradient_norm([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([3., 3., 0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     number("p", p, above=0)
     on, function = put_function(f, graph, 2.0, eps, coupled, settings)
@@ -63,7 +64,7 @@ def gradient_norm(
 
 def p_laplacian(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     *,
     eps: float = 0.0,
@@ -96,6 +97,7 @@ def p_laplacian(
     >>> p_laplacian([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
     array([-6.,  6.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, p, eps, coupled, settings)
     put = on.put_function(function)
@@ -106,7 +108,7 @@ def p_laplacian(
     return host.reshape(np.shape(f))
 
 
-def laplacian(f: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
+def laplacian(f: npt.ArrayLike, graph: GraphLike, **settings: Any) -> FloatArray:
     """Weighted Laplacian, the p-Laplacian of p = 2 (eq. 16), in the shape of `f`; the settings are those of it.
 
     With ``gamma="combinatorial"`` it is the matrix D - W of Table I times f, with "normalized" I - D^-1/2 W D^-1/2. The
@@ -120,7 +122,7 @@ def laplacian(f: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
     return p_laplacian(f, graph, 2.0, **settings)
 
 
-def curvature(f: npt.ArrayLike, graph: AnyGraph, *, eps: float, **settings: Any) -> FloatArray:
+def curvature(f: npt.ArrayLike, graph: GraphLike, *, eps: float, **settings: Any) -> FloatArray:
     """Weighted curvature, the p-Laplacian of p = 1 (eq. 18), in the shape of `f`; the settings are those of it.
 
     `eps` > 0 is needed: the gradient may vanish.

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, unmasked
-from ..graphs.csr import Graph
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.problem import Norm
+from ..model.problem import Norm, uses_degrees
 from ..solvers import Solver
 from ..weights import Weights
 from .harmonic import harmonic
@@ -19,14 +19,14 @@ from .regularize import regularize
 
 @overload
 def propagate_labels(
-    graph: AnyGraph, labels: npt.ArrayLike, *, return_scores: Literal[False] = False, **settings: Any
+    graph: GraphLike, labels: npt.ArrayLike, *, return_scores: Literal[False] = False, **settings: Any
 ) -> IntArray: ...
 @overload
 def propagate_labels(
-    graph: AnyGraph, labels: npt.ArrayLike, *, return_scores: Literal[True], **settings: Any
+    graph: GraphLike, labels: npt.ArrayLike, *, return_scores: Literal[True], **settings: Any
 ) -> tuple[IntArray, FloatArray]: ...
 def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings to this one
-    graph: AnyGraph,
+    graph: GraphLike,
     labels: npt.ArrayLike,
     *,
     p: float = 3.0,
@@ -113,8 +113,7 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     >>> gr.propagate_labels(graph, [7, -1, -1, -1, -1, 4], backend="numpy")
     array([7, 7, 7, 4, 4, 4])
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     given = _checked(graph, labels)
     flat = given.reshape(-1)
     known = flat >= 0

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..graphs.csr import Graph
-from ..graphs.grid import GridGraph
+from ..graphs.accepted import GraphLike, as_graph
 from ..model.memory import budget
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem
+from ..model.problem import Problem, uses_degrees
 from ..model.result import Result
 from ..solvers import Solver, resolve, run
 from .regularize import as_run, regularize, result_of, tiles_of
@@ -42,7 +41,7 @@ class Series:
     def __init__(
         self,
         f0: npt.ArrayLike,
-        graph: Graph | GridGraph,
+        graph: GraphLike,
         *,
         solver: str | Solver = "jacobi",
         max_iter: int | None = None,
@@ -52,7 +51,8 @@ class Series:
         memory: int | None = None,
         **model: Any,
     ) -> None:
-        self._f0, self._graph, self._model, self._memory = f0, graph, model, memory
+        self._graph = as_graph(graph, degrees=uses_degrees(model.get("gamma")))
+        self._f0, self._model, self._memory = f0, model, memory
         self._solver = resolve(solver)
         self._max_iter, self._tol, self._dtype = as_run(self._solver, max_iter, tol, dtype)
         self._backend = backend
@@ -140,7 +140,7 @@ class Path:
 
 def regularization_path(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     lam: float | npt.ArrayLike = 1.0,
     p: float | npt.ArrayLike = 2.0,

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import integer
-from ..graphs.grid import AnyGraph
+from ..graphs.accepted import GraphLike, as_graph
 from ..model.problem import as_function
 from ..weights.base import AnyWeights
 
@@ -43,7 +43,7 @@ class Eigenpairs(NamedTuple):
     degree: FloatArray
 
 
-def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
+def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
     """First k eigenpairs of the Markov matrix P = D^-1 W (section 4.1), from the eigenvalue 1 downwards.
 
     Through the symmetric D^-1/2 W D^-1/2, connected part by part (so that the eigenvalue 1 comes as often as there are
@@ -145,7 +145,7 @@ def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
 
 def spectral_filter(
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     k: int,
     *,
     weights: AnyWeights = None,
@@ -183,6 +183,7 @@ def spectral_filter(
     >>> spectral_filter([1.0, 2.0, 3.0, 6.0], ring, 1)
     array([3., 3., 3., 3.])
     """
+    graph = as_graph(graph, degrees=True)
     f = as_function(graph, f0, "f0").astype(np.float64)
     if pairs is None:
         pairs = eigenpairs(graph, k, f=f0, weights=weights)
