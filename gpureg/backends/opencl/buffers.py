@@ -77,7 +77,7 @@ class OpenCLBuffers(Backend):
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
-        self._kept: cl.Buffer = None
+        self._scratch_memory: cl.Buffer = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:
@@ -130,9 +130,9 @@ class OpenCLBuffers(Backend):
 
         It is kept from one call to another: the queue does one thing after the other.
         """
-        if self._kept is None or self._kept.size < size * self.dtype.itemsize:
-            self._kept = self._allocate(size * self.dtype.itemsize)
-        return self._kept
+        if self._scratch_memory is None or self._scratch_memory.size < size * self.dtype.itemsize:
+            self._scratch_memory = self._allocate(size * self.dtype.itemsize)
+        return self._scratch_memory
 
     def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         host = np.empty(size, dtype)
@@ -177,7 +177,7 @@ class OpenCLBuffers(Backend):
         topology = self._topology(graph)
         weights = host_weights(graph, weights)
         buffer = (
-            None if weights is None else topology.kept.copy(weights, functools.partial(self._put_weights, topology))
+            None if weights is None else topology.copies.copy(weights, functools.partial(self._put_weights, topology))
         )
         return Weighted(graph, topology, buffer)
 

@@ -14,7 +14,7 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.csr import Graph
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph, row_major
-from ..types import Kept
+from ..types import DeviceCopies
 from .geometry import Blocks, CsrGeometry, Geometry, GridGeometry
 
 Buffer = Any
@@ -55,7 +55,7 @@ class Layout(ABC):
         must not be rounded.
     sum_group : tuple of int or None
         Work items of a group of a sum on a CPU, whose number is not rounded; None where the driver chooses.
-    kept : Kept
+    copies : DeviceCopies
         Weights that are on the device already.
     """
 
@@ -69,7 +69,7 @@ class Layout(ABC):
     sum_group: tuple[int, ...] | None = None
 
     def __init__(self) -> None:
-        self.kept = Kept()
+        self.copies = DeviceCopies()
 
     @abstractmethod
     def pack(self, f: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from ...graphs.csr import Graph
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import csr, grid
-from ..types import Array, Kept
+from ..types import Array, DeviceCopies
 
 Upload = Callable[[npt.NDArray[Any], Any], Any]
 """Copies a host array to the device, as numbers or vectors of a Warp type."""
@@ -48,7 +48,7 @@ class Csr:
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
         self._cuts: dict[int, list[int]] = {}
-        self.kept = Kept()
+        self.copies = DeviceCopies()
 
     @property
     def work(self) -> int:
@@ -113,7 +113,7 @@ class Grid:
         steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
         self.offsets = upload(steps.astype(np.int32), place)
         self._sizes = sizes(*graph.shape[:leading]) if leading else sizes(0)
-        self.kept = Kept()
+        self.copies = DeviceCopies()
 
     @property
     def work(self) -> int:
