@@ -15,12 +15,19 @@ from typing import Any, ParamSpec, TypeVar, overload
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 # The public function that the caller wrote, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
-RENAMED: dict[str, dict[str, str]] = {}
+RENAMED: dict[str, dict[str, str]] = {
+    "regularization_path": {"lams": "lam"},
+}
 """Parameters that had another name before: function, old name, what to write now."""
+
+
+@overload
+def door(function: type[T], /) -> type[T]: ...
 
 
 @overload
@@ -34,11 +41,12 @@ def door(
 
 
 def door(function: Any = None, /, *, name: str | None = None, options: Mapping[str, Any] | None = None) -> Any:
-    """Mark a public function.
+    """Mark a public function, or a public class, whose constructor is then the function.
 
     Parameters
     ----------
-    function : callable
+    function : callable or class
+        A class stays the same object; above a dataclass's own decorator.
     name : str, optional
         What an error calls it. None takes the function's own name.
     options : mapping, optional
@@ -53,6 +61,10 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
+    if isinstance(function, type):
+        constructor = function.__init__  # type: ignore[misc]
+        function.__init__ = door(name=name or function.__name__)(constructor)  # type: ignore[misc]
+        return function
     called = name or function.__name__
     renamed = RENAMED.get(called, {})
     signature = inspect.signature(function)
@@ -75,7 +87,7 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
         except (TypeError, ValueError) as error:
             if type(error) in (TypeError, ValueError) and len(error.args) == 1:
                 said = str(error.args[0])
-                if not said.startswith((f"{called}:", f"{called}()")):
+                if not said.startswith((f"{called}:", f"{called}()", f"{called}.__init__()")):
                     error.args = (f"{called}: {said}",)
             raise
         finally:

@@ -8,16 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from .. import backends
+from ..arrays import computed_type
 from ..backends import Backend
 from ..checks import choice, flag, integer, number
+from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
-from .problem import NORMS, Norm
+from .problem import NORMS, Norm, as_weights, lam_numbers
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -125,6 +126,7 @@ def _is_unit(graph: AnyGraph, weights: Any) -> bool:
     return own is None and (weights is None or isinstance(weights, Constant))
 
 
+@door
 def memory_needed(
     graph: GraphLike,
     *,
@@ -179,11 +181,11 @@ def memory_needed(
     job = Job(
         channels=channels,
         norms=0 if p == 2 or norm == "edge" else 1 if coupled else channels,
-        weights=weights.on(graph) if isinstance(weights, Weights) else None if weights is None else np.asarray(weights),
-        per_vertex=np.ndim(lam) > 0,
+        weights=as_weights(graph, weights),
+        per_vertex=lam_numbers(lam).ndim > 0,
         stored=stored,
     )
-    return job.need(graph, backends.get(backend, np.float32 if dtype is None else dtype)).total
+    return job.need(graph, backends.get(backend, computed_type(dtype))).total
 
 
 def budget(backend: Backend, memory: int | None) -> Budget:
