@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, IntArray
+from ..doors import door
 from ..files.pictures import PictureError
 from ..shapes.surface import surface_of
 
@@ -66,6 +67,7 @@ class MeshFile:
     dtype: np.dtype[Any]
 
 
+@door
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a triangle mesh from a PLY, OBJ, OFF or STL file, its vertices and faces in the order of the file.
 

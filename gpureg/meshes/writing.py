@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..doors import door
 from ..files.pictures import check_place, write_atomically
 from ..shapes.surface import surface_of
 from .reading import CHANNELS, check_format
@@ -27,6 +28,7 @@ _PLY_TYPES = {
 }
 
 
+@door
 def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike | None = None) -> None:
     """Write a triangle mesh in the format that the extension names, whole or not at all.
 
@@ -51,11 +53,11 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
     Examples
     --------
     >>> import os, tempfile
-    >>> from gpureg.meshes.reading import read_mesh, write_mesh
+    >>> import gpureg as gr
     >>> tetrahedron = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_mesh(os.path.join(folder, "a.ply"), tetrahedron)
-    ...     found = read_mesh(os.path.join(folder, "a.ply"))
+    ...     gr.write_mesh(os.path.join(folder, "a.ply"), tetrahedron)
+    ...     found = gr.read_mesh(os.path.join(folder, "a.ply"))
     >>> found.faces.shape, found.dtype, float(found.vertices[3, 2])
     ((4, 3), dtype('float64'), 0.1)
     """

@@ -64,7 +64,7 @@ class Surface:
 
 
 def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
-    """The surface of a mesh of any kind that is known, checked.
+    """Make a surface of a mesh of any kind that is known, and check it; a :class:`Surface` comes back as it is.
 
     Parameters
     ----------
@@ -77,6 +77,8 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
     TypeError, ValueError
         Another kind of thing, vertices that are not finite points of space, faces that are no triangles.
     """
+    if isinstance(mesh, Surface) and faces is None:
+        return mesh
     if faces is not None:
         mesh = (mesh, faces)
     for known in (_of_pair, _of_trimesh, _of_pyvista, _of_open3d):
