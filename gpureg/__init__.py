@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from . import metrics, operators, plot, presets, sources, spectral, tuning, weights
 from ._version import __version__
 from .backends import BackendUnavailable
 from .curves.denoise import denoise_curve

@@ -187,7 +187,7 @@ import os, sys
 import numpy as np
 from gpureg import backends
 from gpureg.backends.warp import pool as warp
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 warp.LEAST_WORK, warp.cores = 16, lambda: 2
 backend, grid = backends.get("warp:cpu"), GridGraph((37, 53))
