@@ -21,6 +21,7 @@ R = TypeVar("R")
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
 RENAMED: dict[str, dict[str, str]] = {
+    "point_patches": {"side": "patch_radius, which is (side - 1) / 2,"},
     "segment_mesh": {"lams": "lam", "met_at": "merge_tol"},
     "simplify_curve": {"function": "filter"},
 }

@@ -136,8 +136,9 @@ def segment_mesh(
     surface, _ = surface_of(mesh, faces).welded()
     if lam is not None and np.ndim(lam) != 1:
         raise ValueError(f"lam must be a list of fidelities, one a level, got {lam!r}")
-    steps = _LAMS if lam is None else tuple(number("lam", one, above=0) for one in lam)
-    if not steps or not all(a > b for a, b in itertools.pairwise(steps)):
+    steps = _LAMS if lam is None else tuple(number("lam", one, finite=False) for one in lam)
+    falls = all(a > b for a, b in itertools.pairwise(steps))
+    if not steps or not falls or not (steps[-1] > 0 and np.isfinite(steps[0])):
         raise ValueError(f"lam must be finite, > 0 and fall, one after another, got {list(steps)}")
     if merge_tol is not None:
         number("merge_tol", merge_tol, above=0)
