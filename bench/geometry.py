@@ -244,8 +244,8 @@ def curves(quick: bool) -> Iterator[str]:
         points = gr.read_curves(path).curves[0].points
         points = points * [np.cos(np.radians(points[:, 1].mean())), 1]
         for function in ("directions", "positions"):
-            gr.simplify_curve(points, function=function)
-            simple, seconds = timed(lambda f=function: gr.simplify_curve(points, function=f))
+            gr.simplify_curve(points, filter=function)
+            simple, seconds = timed(lambda f=function: gr.simplify_curve(points, filter=f))
             count = len(simple)
             other, slow = timed(lambda n=count: douglas_peucker(points, n))
             for title, kept, spent in ((f"gpureg {function}", simple, seconds), ("Douglas and Peucker", other, slow)):

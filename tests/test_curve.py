@@ -7,8 +7,9 @@ import pytest
 from skimage.measure import approximate_polygon, find_contours
 
 import gpureg as gr
-from gpureg.curves.denoise import curves_of, denoised_curves
-from gpureg.curves.simplify import simplified_curves
+from gpureg.curves.curves import curves_of
+from gpureg.curves.denoise import denoised
+from gpureg.curves.simplify import simplified
 from gpureg.metrics import curve_area, curve_hausdorff
 
 
@@ -141,17 +142,17 @@ def test_it_goes_with_motions_of_the_plane():
     assert kept == {10}
 
 
-@pytest.mark.parametrize("function", ["directions", "positions"])
-def test_corners_are_kept(function):
+@pytest.mark.parametrize("filter", ["directions", "positions"])
+def test_corners_are_kept(filter):
     curve = star(400)
-    kept = gr.simplify_curve(curve, function=function, n_vertices=40)
+    kept = gr.simplify_curve(curve, filter=filter, n_vertices=40)
     assert len(kept) == 40
     corners = np.where(np.arange(10) % 2, 0.5, 1.0)[:, None] * ring(10)
     gap = np.linalg.norm(corners[:, None] - kept[None], axis=2).min(axis=1)
     step = 2 * 5 * np.linalg.norm(corners[0] - corners[1]) / 400
     # the curve itself has no vertex nearer than half a step to some corners
-    assert gap.max() <= (1 if function == "directions" else 2) * step
-    if function == "directions":
+    assert gap.max() <= (1 if filter == "directions" else 2) * step
+    if filter == "directions":
         assert len(gr.simplify_curve(curve)) == 10
 
 
@@ -159,7 +160,7 @@ def test_corners_are_kept(function):
 @pytest.mark.parametrize("count", [3, 10, 57])
 def test_a_number_of_vertices_is_that_number(closed, count):
     curve = noisy(star(200), 0.005)
-    [found] = simplified_curves(curves_of(curve, closed), n_vertices=count, p=0.5, norm="edge", eps=1e-3, max_iter=300)
+    [found] = simplified(curve, closed=closed, n_vertices=count, max_iter=300).parts
     assert len(found.points) == len(np.unique(found.kept)) == count
     np.testing.assert_array_equal(found.points, curve[found.kept])
     assert (np.diff(found.kept) > 0).all()
@@ -171,8 +172,8 @@ def test_a_number_of_vertices_is_that_number(closed, count):
 def test_the_coast_of_great_britain(data_folder):
     coast = np.loadtxt(data_folder / "curves" / "great_britain_ne10m.csv", delimiter=",", skiprows=1)
     coast[:, 0] *= np.cos(np.radians(coast[:, 1].mean()))
-    for function, far in (("directions", 4), ("positions", 8)):
-        kept = gr.simplify_curve(coast, function=function)
+    for filter, far in (("directions", 4), ("positions", 8)):
+        kept = gr.simplify_curve(coast, filter=filter)
         assert len(kept) < len(coast) / 2
         assert curve_area(kept) == pytest.approx(curve_area(coast), rel=0.01)
         # Douglas and Peucker's, which bounds the distance itself, at the same number: measured 2.7 and 5.1 times
@@ -185,18 +186,19 @@ def test_the_coast_of_great_britain(data_folder):
 
 
 def test_what_was_chosen_is_told():
-    found = denoised_curves(curves_of([noisy(ring(300), 0.02), ring(50)], True))
+    found = denoised(curves_of([noisy(ring(300), 0.02), ring(50)], True))
     assert found.sigma[0] == pytest.approx(0.02, rel=0.1)
     assert found.lam[0] < found.lam[1]
-    assert found.result is not None
-    assert denoised_curves(curves_of(np.ones((5, 2)), True)).result is None
+    assert len(found.results) == 1
+    assert denoised(np.ones((5, 2)), closed=True).results == ()
 
 
 CURVE = ring(20)
 
 WRONG = [
     (lambda: gr.denoise_curve([]), ValueError, "list is empty"),
-    (lambda: gr.denoise_curve(CURVE[:2]), ValueError, "a closed one needs 3"),
+    (lambda: gr.denoise_curve(CURVE[:2], closed=True), ValueError, "a closed one needs 3"),
+    (lambda: gr.denoise_curve(CURVE[:1]), ValueError, "an open one needs 2"),
     (lambda: gr.denoise_curve([CURVE, CURVE[:1]], closed=False), ValueError, "curve 1 has 1 vertices"),
     (lambda: gr.denoise_curve([CURVE, np.ones((5, 3))]), ValueError, "as many dimensions"),
     (lambda: gr.denoise_curve(CURVE * np.nan), ValueError, "finite"),
@@ -205,7 +207,8 @@ WRONG = [
     (lambda: gr.denoise_curve(CURVE, sigma=-1), ValueError, "sigma must"),
     (lambda: gr.denoise_curve(CURVE, lam=np.ones(3)), ValueError, "one per vertex"),
     (lambda: gr.denoise_curve(CURVE, fixed=[1, 2]), ValueError, "fixed must be boolean"),
-    (lambda: gr.simplify_curve(CURVE, function="angles"), ValueError, "one of directions, positions"),
+    (lambda: gr.simplify_curve(CURVE, filter="angles"), ValueError, '"directions" or "positions"'),
+    (lambda: gr.simplify_curve(CURVE, function="positions"), TypeError, "'function' is called filter now"),
     (lambda: gr.simplify_curve(CURVE, lam=1, n_vertices=5), ValueError, "not both"),
     (lambda: gr.simplify_curve(CURVE, lam=0), ValueError, "lam must be > 0"),
     (lambda: gr.simplify_curve(CURVE, n_vertices=2), ValueError, "at least 3"),

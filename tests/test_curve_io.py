@@ -184,7 +184,8 @@ def test_names_of_more():
     [
         ("a.csv", "", "is empty"),
         ("a.csv", "x\n1\n2\n", "two coordinates"),
-        ("a.csv", "x,y\n1,2\n3,4\n", "curve 0 has 2 vertices, it needs 3"),
+        ("a.csv", "x,y\n1,2\n", "curve 0 has 1 vertices, it needs 2"),
+        ("a.svg", "<svg><polygon points='0,0 1,1'/></svg>", "curve 0 has 2 vertices, it needs 3"),
         ("a.csv", "x,y\n1,2\n3,nan\n5,6\n", "not finite"),
         ("a.csv", "x,y\n1,2\n3\n", "line 3"),
         ("a.svg", "<svg", "damaged, or no XML"),

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import number
+from ..doors import door
 from ..graphs.csr import Graph
-from .denoise import curves_of, denoised_curves
+from ..regularization.options import MODEL, Model
+from ..weights import Weights
+from .curves import curves_of
+from .denoise import denoised
 
 # Vertices whose rays are cast together.
 _BLOCK = 1 << 22
@@ -100,6 +105,7 @@ class SkeletonSimplification:
     after: Skeleton
 
 
+@door
 def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     """The skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
 
@@ -143,14 +149,13 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     from scipy.spatial import QhullError, Voronoi
 
     [x] = curves_of(points, True).points
-    if isinstance(detail, bool) or not isinstance(detail, int | float | np.number) or not detail >= 0:
-        raise ValueError(f"detail must be a number >= 0, in mean segments, got {detail!r}")
+    number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
         raise ValueError(f"a skeleton is that of a polygon of the plane, (n, 2); got {x.shape}")
     sites, order = np.unique(x, axis=0, return_index=True)
     # along the polygon, without copies
-    number = np.sort(order)
-    sites = x[number]
+    first = np.sort(order)
+    sites = x[first]
     n = len(sites)
     try:
         diagram = Voronoi(sites - sites.mean(axis=0))
@@ -181,6 +186,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     return Skeleton(x, graph, radii)
 
 
+@door(options=MODEL)
 def simplify_skeleton(
     points: npt.ArrayLike,
     *,
@@ -188,7 +194,9 @@ def simplify_skeleton(
     lam: float | npt.ArrayLike = 0.1,
     max_iter: int = 10,
     detail: float = 1.0,
-    **model: Any,
+    weights: Weights | npt.ArrayLike | None = None,
+    fixed: npt.ArrayLike | None = None,
+    **options: Unpack[Model],
 ) -> SkeletonSimplification:
     """The skeleton of a polygon before and after the positions of its vertices were regularized (figure 9).
 
@@ -200,8 +208,10 @@ def simplify_skeleton(
         The process on the polygon: p = 2, lam = 0.1 and 10 iterations, unless asked otherwise.
     detail : float, default 1
         As for :func:`skeleton`.
-    **model
-        What else :func:`gpureg.denoise_curve` is told: weights, fixed, norm, solver ("jacobi"), backend and so on.
+    weights, fixed
+        As for :func:`gpureg.denoise_curve`.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------
@@ -225,7 +235,8 @@ def simplify_skeleton(
     """
     curves = curves_of(points, True)
     before = skeleton(points, detail=detail)
-    [smooth] = denoised_curves(curves, p=p, lam=lam, max_iter=max_iter, **({"solver": "jacobi"} | model)).points
+    told: Model = {"solver": "jacobi", **options}
+    [smooth] = denoised(curves, p=p, lam=lam, max_iter=max_iter, weights=weights, fixed=fixed, **told).points
     return SkeletonSimplification(before, skeleton(smooth, detail=detail))
 
 

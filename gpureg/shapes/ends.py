@@ -74,8 +74,10 @@ def ends_of(points: FloatArray, closed: bool | None = None) -> Ends:
     """
     if closed is not None:
         closed = flag("closed", closed)
-    gap = float(np.linalg.norm(points[-1] - points[0]))
-    segments = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    # what is not finite is refused elsewhere
+    with np.errstate(invalid="ignore"):
+        gap = float(np.linalg.norm(points[-1] - points[0]))
+        segments = np.linalg.norm(np.diff(points, axis=0), axis=1)
     again = len(points) > 1 and gap <= _SAME * float(segments.mean())
     if closed is not None:
         return Ends(closed, closed and again, gap, "given")
