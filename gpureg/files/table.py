@@ -102,7 +102,7 @@ def read_table(path: str | os.PathLike[str], error: type[PictureError] = Picture
     whole = np.array([_is_whole(lines, at, delimiter, k, column) for k, column in enumerate(rows.T)])
     # the number of blank lines above each line; a comment is no blank line
     above = np.cumsum([not line.strip() for line in raw])[at]
-    blocks = np.cumsum(np.diff(above, prepend=above[0]) > 0)
+    blocks = np.cumsum(np.diff(above, prepend=above[0]) > 0, dtype=np.int64)
     return Table(rows, names, blocks, delimiter, whole)
 
 
