@@ -140,6 +140,24 @@ def test_pictures(noisy):
             call_()
 
 
+def test_the_report_says_which_curves_are_closed(noisy):
+    assert report(noisy, "out.csv")["ends"] == [
+        {"closed": True, "why": "near", "gap": pytest.approx(np.linalg.norm(NOISY[-1] - NOISY[0]))}
+    ]
+    track = np.stack([np.linspace(0, 5, 60), np.linspace(50, 55, 60)], 1)
+    gr.write_curves("track.csv", [CurveInFile(track, False, NONE[:60])])
+    told = report("track.csv", "out.csv")
+    assert told["closed"] == 0 and told["ends"][0]["why"] == "apart" and "area" not in told
+    assert np.array_equal(gr.read_curves("out.csv").curves[0].points[[0, -1]], track[[0, -1]])
+    lines = done(run("track.csv", "out.csv", "--closed")).splitlines()
+    assert lines[2] == "ends     closed as given; its ends are 7.07 apart"
+    gr.write_curves("a.geojson", [CurveInFile(NOISY, True, NONE), CurveInFile(track, False, NONE[:60])])
+    words = done(run("a.geojson", "b.geojson", "--no-degrees"))
+    gap = np.linalg.norm(NOISY[-1] - NOISY[0])
+    said = f"1 closed (as the file says, {gap:.3g} apart), 1 open (as the file says, 7.07 apart)"
+    assert f"\nends     {said}\n" in words
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [

@@ -92,8 +92,8 @@ def test_one_format_becomes_another():
 def test_all_that_can_be_asked_for(noisy):
     told = report(
         noisy, "out.ply",
-        "--filter", "positions", "--p", 1.5, "--lam", 2, "--weights", "inverse-square", "--norm", "edge", "--fix-border",
-        "--max-displacement", 0.02, "--max-iter", 7, "--eps", 0.01, "--tol", 1e-9, "--dtype", "float64",
+        "--filter", "positions", "--p", 1.5, "--lam", 2, "--weights", "inverse-square", "--norm", "edge",
+        "--fix-border", "--max-displacement", 0.02, "--max-iter", 7, "--eps", 0.01, "--tol", 1e-9, "--dtype", "float64",
         "--sigma", 0.1,
     )  # fmt: skip
     expected = gr.denoise_mesh(

@@ -193,9 +193,71 @@ def test_what_was_chosen_is_told():
     assert denoised(np.ones((5, 2)), closed=True).results == ()
 
 
+LINE = np.stack([np.arange(9.0), np.sin(np.arange(9.0))], axis=1)
+GAP = ring(40)[:37]  # four segments are missing
+
+ENDS = {
+    "an outline": (ring(40), True, "near"),
+    "one that repeats its first vertex": (np.concatenate([ring(40), ring(40)[:1]]), True, "repeated"),
+    "nearly": (np.concatenate([ring(40), ring(40)[:1] + 1e-8]), True, "repeated"),
+    "not nearly enough": (np.concatenate([ring(40), ring(40)[:1] + 1e-6]), True, "near"),
+    "a track": (LINE, False, "apart"),
+    "an outline with a gap": (GAP, False, "apart"),
+    "two segments of three": (ring(40)[:39], True, "near"),
+    "a triangle": (ring(3), True, "near"),
+    "two vertices": (LINE[:2], False, "few"),
+    "there and back": (LINE[[0, 1, 0]], False, "few"),
+    "on one point": (np.ones((5, 2)), True, "repeated"),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_closed_or_open(name):
+    points, closed, why = ENDS[name]
+    [ends] = curves_of(points).ends
+    assert (ends.closed, ends.why) == (closed, why)
+    assert ends.gap == pytest.approx(np.linalg.norm(points[-1] - points[0]), abs=1e-15)
+    assert ends.describe().startswith("closed" if closed else "open")
+    for asked in (True, False):
+        if why != "few" or not asked:
+            [ends] = curves_of(points, asked).ends
+            assert (ends.closed, ends.why) == (asked, "given")
+
+
+def test_the_rule_is_that_of_each_curve_and_decides_the_result():
+    island, track = noisy(ring(60), 0.02), noisy(LINE, 0.02)
+    both = gr.denoise_curve([island, track], lam=1.0, solver="jacobi", max_iter=20, dtype="float64")
+    for value, curve, closed in zip(both, (island, track), (True, False), strict=True):
+        alone = gr.denoise_curve(curve, closed=closed, lam=1.0, solver="jacobi", max_iter=20, dtype="float64")
+        np.testing.assert_allclose(value, alone, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(both[1][[0, -1]], track[[0, -1]])
+    simple = gr.simplify_curve([island, track], lam=1.0, max_iter=100)
+    np.testing.assert_array_equal(simple[1][[0, -1]], track[[0, -1]])
+
+
+def test_a_first_vertex_repeated_to_rounding_is_put_back():
+    curve = noisy(ring(60), 0.02)
+    again = np.concatenate([curve, curve[:1] + 1e-10])
+    value = gr.denoise_curve(again)
+    np.testing.assert_array_equal(value, np.concatenate([value[:-1], value[:1]]))
+    np.testing.assert_array_equal(value[:-1], gr.denoise_curve(curve))
+    assert gr.metrics.curve_length(again) == pytest.approx(gr.metrics.curve_length(curve, closed=True))
+    assert gr.metrics.curve_length(LINE) == gr.metrics.curve_length(LINE, closed=False)
+    # of two curves the one of more vertices says it
+    corners = GAP[[0, 18, 36]]
+    assert curve_hausdorff(corners, GAP) == curve_hausdorff(GAP, corners) == curve_hausdorff(GAP, corners, closed=False)
+
+
 CURVE = ring(20)
 
 WRONG = [
+    (lambda: gr.denoise_curve(CURVE, sigma=True), TypeError, "denoise_curve: sigma must be a number, got True"),
+    (lambda: gr.denoise_curve(CURVE, max_iter="3"), TypeError, "max_iter must be an integer, got '3'"),
+    (lambda: gr.denoise_curve(CURVE, lam=np.inf, tol=-1), ValueError, "tol must be finite and >= 0"),
+    (lambda: gr.denoise_curve(CURVE, keep_ends=1), TypeError, "keep_ends must be True or False"),
+    (lambda: gr.denoise_curve(CURVE, lam="much"), TypeError, "lam must be a number, got 'much'"),
+    (lambda: gr.metrics.curve_length(CURVE, closed=1), TypeError, "curve_length: closed must be True or False"),
+    (lambda: gr.skeleton(CURVE, detail=-1), ValueError, "skeleton: detail must be >= 0, got -1"),
     (lambda: gr.denoise_curve([]), ValueError, "list is empty"),
     (lambda: gr.denoise_curve(CURVE[:2], closed=True), ValueError, "a closed one needs 3"),
     (lambda: gr.denoise_curve(CURVE[:1]), ValueError, "an open one needs 2"),

@@ -1,4 +1,4 @@
-"""Polygonal curves as they are given, checked, and back: :class:`Curves`."""
+"""Check polygonal curves as they are given, and give them back in the same form: :class:`Curves`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Curves:
         return [ends.closed for ends in self.ends]
 
     def graph(self) -> Graph:
-        """All curves as one graph, the positions of each around its mean."""
+        """Make one graph of all curves, the positions of each around its mean."""
         parts = [curve_graph(x - x.mean(axis=0), shut) for x, shut in zip(self.points, self.closed, strict=True)]
         if len(parts) == 1:
             return parts[0]
@@ -56,11 +56,11 @@ class Curves:
         )
 
     def split(self, f: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-        """A function on the vertices of all curves, (n,) or (n, m), curve by curve."""
+        """Split a function on the vertices of all curves, (n,) or (n, m), curve by curve."""
         return np.split(f, np.cumsum([len(x) for x in self.points[:-1]]))
 
     def as_came(self, values: list[FloatArray]) -> Any:
-        """Vertices of each curve in its type, the first repeated where it was; alone where one came alone."""
+        """Return the vertices of each curve in its type, the first repeated where it was; alone if one came alone."""
         made = [
             (np.concatenate([x, x[:1]]) if ends.repeated else x).astype(dtype)
             for x, ends, dtype in zip(values, self.ends, self.dtypes, strict=True)

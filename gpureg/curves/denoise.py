@@ -209,7 +209,7 @@ def _noise(x: FloatArray, closed: bool) -> float:
 
 
 def _fidelity(x: FloatArray, closed: bool, sigma: float, p: float) -> float:
-    """The fidelity that :func:`denoise_curve` takes where none is given."""
+    """Choose the fidelity that :func:`denoise_curve` takes where none is given."""
     from scipy import fft
 
     if not sigma > 0:

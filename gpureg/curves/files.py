@@ -1,4 +1,4 @@
-"""Polygonal curves in and out of files: CSV, SVG and GeoJSON, the last two with all else that they hold."""
+"""Read and write polygonal curves: CSV, SVG and GeoJSON, the last two with all else that they hold."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class CurveInFile:
 
 
 class Document(Protocol):
-    """What a file holds besides its curves, which can be put back into it."""
+    """What a file holds apart from its curves, into which curves can be put again."""
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
-        """The file with other curves in the places of those that it had, in their order."""
+        """Encode the file with other curves instead of those that it had, in their order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class CurvesFile:
 
 
 def curve_format(path: str | os.PathLike[str]) -> str:
-    """The extension of a file of curves.
+    """Return the extension of a file of curves.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class _Csv:
         return encode_table(columns, self.names, self.delimiter, [] if self.by_column is not None else gaps[1:])
 
     def _repeats(self, curves: Sequence[CurveInFile]) -> list[bool]:
-        """Which curves repeat their first vertex: those that did, or all closed ones where a reader would be misled."""
+        """Say which curves repeat their first vertex: those that did, or all closed ones if a reader were misled."""
         told = [k < len(self.repeated) and self.repeated[k] and curve.closed for k, curve in enumerate(curves)]
         closed = [curve.closed for curve in curves]
         read = told if any(told) else [ends_of(curve.points).closed for curve in curves]
@@ -263,7 +263,7 @@ def encode_curves(
     like: CurvesFile | None = None,
     names: Sequence[str] = (),
 ) -> bytes:
-    """What :func:`write_curves` writes to a file of that name; `names` are those of what a new CSV says more.
+    """Encode curves as :func:`write_curves` writes them; `names` are those of the columns that a new CSV has more.
 
     Raises
     ------

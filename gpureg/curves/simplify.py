@@ -1,4 +1,4 @@
-"""Fewer vertices for polygonal curves, by p < 1: :func:`simplify_curve` (section 5.3, figure 7)."""
+"""Simplify polygonal curves, by p < 1: :func:`simplify_curve` (section 5.3, figure 7)."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ class _Prepared:
         return cls(x[number], number, closed, x)
 
     def only(self, kept: IntArray) -> _Prepared:
-        """The curve of some of the given vertices."""
+        """Make the curve of some of the given vertices."""
         return _Prepared(self.given[kept], kept, self.closed, self.given)
 
     @property
@@ -221,14 +221,14 @@ class _Prepared:
         return len(self.points) <= (3 if self.closed else 2)
 
     def segments(self) -> tuple[FloatArray, FloatArray]:
-        """Unit vectors along the segments, and their lengths."""
+        """Compute unit vectors along the segments, (s, d), and their lengths, (s,)."""
         steps = np.roll(self.points, -1, axis=0) - self.points
         steps = steps if self.closed else steps[:-1]
         lengths = np.linalg.norm(steps, axis=1)
         return steps / lengths[:, None], lengths
 
     def values(self, filter: CurveFilter, lam: float) -> tuple[FloatArray, FloatArray]:
-        """What is regularized, in units in which 1 is large, and the fidelity of each value."""
+        """Compute what is regularized, in units in which 1 is large, and the fidelity of each value."""
         directions, lengths = self.segments()
         mean = float(lengths.mean())
         if filter == "directions":
@@ -237,7 +237,7 @@ class _Prepared:
         return f, np.full(len(f), lam)
 
     def kept(self, f: FloatArray, filter: CurveFilter, count: int | None) -> IntArray:
-        """Vertices kept, where values (of the segments, or at the vertices) are f; `count` of them, if asked for."""
+        """Choose the vertices to keep, `count` of them if asked for, by values f of the segments or the vertices."""
         n = len(self.points)
         jumps = np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1)
         if not self.closed:
@@ -259,7 +259,7 @@ class _Prepared:
         return found
 
     def _turns(self) -> FloatArray:
-        """By how much the direction changes at each vertex, infinitely at open ends."""
+        """Compute by how much the direction changes at each vertex, infinitely at open ends, (n,)."""
         directions, _ = self.segments()
         turns: FloatArray = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1)
         return turns if self.closed else np.concatenate([[math.inf], turns[1:], [math.inf]])
@@ -268,7 +268,7 @@ class _Prepared:
 def _simplified(
     curves: list[_Prepared], filter: CurveFilter, lam: float, count: int | None, process: Process
 ) -> list[Simplified]:
-    """All curves in one run."""
+    """Simplify all curves in one run."""
     parts = [curve.values(filter, lam) for curve in curves]
     graph = _chain([len(f) for f, _ in parts], [curve.closed for curve in curves])
     result = process(np.concatenate([f for f, _ in parts]), graph, lam=np.concatenate([held for _, held in parts]))
@@ -282,7 +282,7 @@ def _simplified(
 
 
 def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: Process) -> Simplified:
-    """The simplification with so many vertices, with the least fidelity that leaves as many.
+    """Simplify a curve to so many vertices, with the least fidelity that leaves as many.
 
     One run leaves a third: from there the next begins, as long as more are left than asked for.
     """
@@ -305,7 +305,7 @@ def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: P
 
 
 def _chain(sizes: list[int], closed: list[bool]) -> Graph:
-    """Values of several curves, each joined to the next of its own."""
+    """Make a graph of the values of several curves, each joined to the next of its own."""
     starts = np.cumsum([0, *sizes])
     edges = []
     for start, size, shut in zip(starts, sizes, closed, strict=False):

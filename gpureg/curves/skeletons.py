@@ -1,4 +1,4 @@
-"""Skeletons of polygons, as graphs with radii, and what smoothing leaves of them (section 5.3, figure 9)."""
+"""Compute skeletons of polygons, graphs with radii, before and after smoothing (section 5.3, figure 9)."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Skeleton:
         return np.diff(self.graph.indptr)
 
     def branches(self) -> list[IntArray]:
-        """The chains from end or junction to end or junction, as vertices in order; a ring by itself is one."""
+        """List the chains from end or junction to end or junction, as vertices in order; a ring by itself is one."""
         degree, indptr, indices = self._degrees(), self.graph.indptr, self.graph.indices
         nodes = np.flatnonzero((degree != 2) & (degree > 0))
         done: set[tuple[int, int]] = set()
@@ -107,7 +107,7 @@ class SkeletonSimplification:
 
 @door
 def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
-    """The skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
+    """Compute the skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def simplify_skeleton(
     fixed: npt.ArrayLike | None = None,
     **options: Unpack[Model],
 ) -> SkeletonSimplification:
-    """The skeleton of a polygon before and after the positions of its vertices were regularized (figure 9).
+    """Compute the skeleton of a polygon before and after its vertices are regularized (figure 9).
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def simplify_skeleton(
 
 
 def _inside(places: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether a ray from each place crosses the polygon an odd number of times, (k,)."""
+    """Say whether a ray from each place crosses the polygon an odd number of times, (k,)."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     odd = np.zeros(len(places), bool)
     step = max(1, _BLOCK // len(polygon))

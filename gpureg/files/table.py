@@ -1,4 +1,4 @@
-"""Tables of numbers in text, a row a line: CSV and its like, for points and curves."""
+"""Read and write tables of numbers in text, a row a line: CSV and its like, for points and curves."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Table:
 
 
 def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> str:
-    """The text in a file, unpacked where its name ends in .gz.
+    """Read the text in a file, unpacked where its name ends in .gz.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _is_number(word: str) -> bool:
 
 
 def _numbers(lines: list[str], delimiter: str) -> FloatArray | None:
-    """The numbers in lines of text, (n, c); None where some are none, or lines have more or fewer than others."""
+    """Parse the numbers in lines of text, (n, c); None where some are none, or lines differ in length."""
     between = None if delimiter == " " else delimiter
     # numpy's own parser knows fewer ways to write a number than Python's, such as 1_000
     for converters in (None, float):
@@ -131,7 +131,7 @@ def _numbers(lines: list[str], delimiter: str) -> FloatArray | None:
 
 
 def _fault(lines: list[str], at: list[int], delimiter: str) -> str:
-    """The first line in which something is wrong, and what; `at` are the lines with numbers."""
+    """Find the first line in which something is wrong; `at` are the lines with numbers."""
     count = 0
     for k in at:
         words = _words(lines[k], delimiter)
@@ -145,7 +145,7 @@ def _fault(lines: list[str], at: list[int], delimiter: str) -> str:
 
 
 def _is_whole(lines: list[str], at: list[int], delimiter: str, k: int, column: FloatArray) -> bool:
-    """Whether all numbers of column `k` were written as integers, 3 and not 3.0."""
+    """Say whether all numbers of column `k` were written as integers, 3 and not 3.0."""
     if not (column == np.rint(column)).all():
         return False
     between = None if delimiter == " " else delimiter
@@ -156,7 +156,7 @@ def _is_whole(lines: list[str], at: list[int], delimiter: str, k: int, column: F
 def encode_table(
     columns: Sequence[npt.NDArray[Any]], names: Sequence[str] | None, delimiter: str, gaps: npt.ArrayLike = ()
 ) -> bytes:
-    """Columns as text, each number in as few digits as give it back; blank lines before the rows `gaps`."""
+    """Encode columns as text, each number in as few digits as give it back; blank lines before the rows `gaps`."""
     words = [[repr(value) for value in column.tolist()] for column in _shortest(columns)]
     lines = [delimiter.join(row) for row in zip(*words, strict=True)]
     for row in sorted(np.asarray(gaps, int).tolist(), reverse=True):
@@ -166,7 +166,7 @@ def encode_table(
 
 
 def _shortest(columns: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Columns in float64, of single precision those doubles whose digits are as few."""
+    """Convert columns to float64, of single precision to those doubles whose digits are as few."""
     return [
         np.array([float(str(value)) for value in column], np.float64) if column.dtype == np.float32 else column
         for column in columns

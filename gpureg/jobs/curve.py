@@ -26,7 +26,7 @@ from .outputs import Outputs
 
 @dataclass(frozen=True, kw_only=True)
 class CurveSettings(ShapeSettings):
-    """What is asked for besides IN and OUT: the options of ``gpureg curve``."""
+    """What is asked for, apart from IN and OUT: the options of ``gpureg curve``."""
 
     simplify: bool = False
     n_vertices: int | None = None
@@ -124,7 +124,7 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
 
 
 def _scale(given: CurvesFile, settings: CurveSettings) -> FloatArray:
-    """What makes a degree of longitude as long as one of latitude, (2,); 1 where these are no degrees."""
+    """Compute the factors that make degrees of longitude as long as those of latitude, (2,); 1: no degrees."""
     degrees = given.degrees if settings.degrees is None else settings.degrees
     if not degrees:
         return np.ones(2)
@@ -137,13 +137,13 @@ def _scale(given: CurvesFile, settings: CurveSettings) -> FloatArray:
 
 
 def _scaled(curve: CurveInFile, points: FloatArray) -> Ends:
-    """Whether a curve of a file is closed, and how far apart the ends are of what its points have become."""
+    """Say whether a curve of a file is closed, and how far apart its ends are in the units of `points`."""
     ends = ends_of(points, curve.closed) if curve.ends is None else curve.ends
     return ends if ends.repeated else replace(ends, gap=float(np.linalg.norm(points[-1] - points[0])))
 
 
 def _worked(points: list[FloatArray], ends: list[Ends], settings: CurveSettings, progress: bool) -> Worked:
-    """All curves, those that are closed and those that are open each as one graph."""
+    """Denoise or simplify all curves, those that are closed and those that are open each as one graph."""
     n = len(points)
     made: list[FloatArray] = list(points)
     kept: list[IntArray] = [np.arange(len(x)) for x in points]
@@ -187,7 +187,7 @@ def _skeletons(points: list[FloatArray], made: list[CurveInFile]) -> list[Skelet
 
 
 def _branches(bones: Sequence[Skeleton], scale: FloatArray) -> list[CurveInFile]:
-    """The branches as open curves, with the radius at each vertex."""
+    """Make open curves of the branches, with the radius at each vertex."""
     found = [
         CurveInFile(bone.positions[chain] / scale, False, bone.radii[chain][:, None])
         for bone in bones

@@ -236,6 +236,7 @@ def ends_line(ends: Sequence[Ends]) -> str:
         gaps.setdefault((one.closed, one.why), []).append(one.gap)
     words = []
     for (closed, why), apart in gaps.items():
-        far = "" if why == "repeated" else f", {min(apart):.3g} to {max(apart):.3g} apart"
+        to = f" to {max(apart):.3g}" if len(apart) > 1 else ""
+        far = "" if why == "repeated" else f", {min(apart):.3g}{to} apart"
         words.append(f"{len(apart)} {'closed' if closed else 'open'} ({_WHY[why]}{far})")
     return f"ends     {', '.join(words)}"

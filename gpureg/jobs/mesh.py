@@ -29,7 +29,7 @@ _DENOISING = ("filter", "taubin", "sigma", "fix_border", "max_displacement", "va
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSettings(ViewedSettings):
-    """What is asked for besides IN and OUT: the options of ``gpureg mesh``."""
+    """What is asked for, apart from IN and OUT: the options of ``gpureg mesh``."""
 
     filter: Filter | None = None
     taubin: bool = False
@@ -158,7 +158,7 @@ def _simplified(
 
 
 def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
-    """The mesh in a file as a surface and as it was read, and the type of its coordinates."""
+    """Read a mesh: the surface, the mesh as it was read, and the type of its coordinates."""
     found = read_mesh(path)
     surface = surface_of(found.mesh)
     if path.suffix.lower() == ".stl":
@@ -169,7 +169,7 @@ def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:
-    """The function at the vertices of that name."""
+    """Find the values of that name at the vertices, (n,) or (n, 3)."""
     known = list(mesh.vertex_attributes)
     if mesh.visual.kind == "vertex":
         known.insert(0, "colours")

@@ -25,7 +25,7 @@ _CHANNELS = ("red", "green", "blue")
 
 @dataclass(frozen=True, kw_only=True)
 class PointsSettings(ViewedSettings):
-    """What is asked for besides IN and OUT: the options of ``gpureg points``."""
+    """What is asked for, apart from IN and OUT: the options of ``gpureg points``."""
 
     MODEL: ClassVar[tuple[str, ...]] = ("k", *ViewedSettings.MODEL)
 
@@ -151,7 +151,7 @@ def _clustered(given: PointsFile, source: Path, target: Path, settings: PointsSe
 
 
 def _values(given: PointsFile, name: str, source: Path) -> npt.NDArray[Any]:
-    """The function at the points of that name; colours are three columns."""
+    """Find the values of that name at the points, (n,), or (n, 3) for colours."""
     if name == "colours" and all(channel in given.columns for channel in _CHANNELS):
         return np.stack([given.columns[channel] for channel in _CHANNELS], axis=1)
     if name not in given.columns:

@@ -179,7 +179,7 @@ class ShapeReport:
         ]
 
     def _told(self) -> dict[str, Any]:
-        """What there is to say besides the files."""
+        """What there is to say, apart from the files."""
         raise NotImplementedError
 
     def _noise(self) -> list[str]:

@@ -178,7 +178,7 @@ def denoise_mesh(found: MeshDenoising) -> Any:
 
 
 def check_filter(filter: str) -> None:
-    """ValueError unless this is a filter of meshes; the word of earlier versions is told what it is now."""
+    """Raise ValueError unless this is a filter of meshes; for the word of earlier versions, name the new one."""
     if filter == "vertices":
         raise ValueError('filter="vertices" is called filter="positions" now')
     choice("filter", filter, FILTERS)
@@ -192,7 +192,7 @@ def _check_taubin(filter: str, values: Any, p: Any, lam: Any, sigma: Any) -> Non
 
 
 def _means(f: FloatArray, which: IntArray, k: int) -> FloatArray:
-    """Means over the copies of each vertex, (k, m)."""
+    """Average a function (n, m) over the copies of each vertex, (k, m)."""
     sums = np.stack([np.bincount(which, weights=x, minlength=k) for x in f.T.astype(np.float64)], axis=1)
     means: FloatArray = sums / np.bincount(which, minlength=k)[:, None]
     return means

@@ -134,7 +134,7 @@ class Task:
         return noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces))
 
     def filtered(self, filter: Filter) -> MeshDenoising:
-        """The mesh with positions regularized, by themselves or by the normals of their faces."""
+        """Regularize the positions, by themselves or by the normals of their faces."""
         estimated = self.sigma is None
         sigma = self.sigma
         if sigma is None:
@@ -146,7 +146,7 @@ class Task:
         return self._regularized("positions", sigma, estimated, p, lam)
 
     def values(self) -> MeshDenoising:
-        """The mesh with values other than positions regularized."""
+        """Regularize values other than positions."""
         sigma = noise_on_graph(self.f0, self.graph) if self.sigma is None else self.sigma
         p = 1.0 if self.p is None else self.p
         lam = fidelity_to_values(self.graph, sigma, p, self.f0.shape[1])
@@ -169,7 +169,7 @@ class Task:
         )  # fmt: skip
 
     def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> MeshDenoising:
-        """The function on the graph of the mesh, by the fidelity given or the rule's."""
+        """Regularize the function on the graph of the mesh, by the fidelity given or the rule's."""
         lam = rule if self.lam is None else self.lam
         f, results = self.f0, []
         if not (isinstance(lam, float) and math.isinf(lam)):
@@ -180,7 +180,7 @@ class Task:
         return self._found(f, name, results, sigma=sigma, estimated=estimated, p=p, lam=lam)
 
     def _by_normals(self, sigma: float, estimated: bool) -> MeshDenoising:
-        """Vertices fitted to the normals by the fidelity given, or the rule's.
+        """Fit the vertices to regularized normals, by the fidelity given or the rule's.
 
         The rule's is four times as large as long as vertices move by more than noise would. Where triangles are long
         and thin, or few for what is round, the noise of normals tells of the shape: a cylinder of 64 vertices lost all
@@ -218,7 +218,7 @@ class Task:
         return self._found(f, "normals", results, sigma=sigma, estimated=estimated, p=p, lam=used)
 
     def taubin(self) -> MeshDenoising:
-        """The mesh after steps towards the mean of the neighbours and away from it in turn."""
+        """Take steps towards the mean of the neighbours and away from it in turn."""
         f, results = self.f0, []
         options: Model = {**self.options, "solver": Jacobi(damping=1), "tol": None}
         for k in range(10 if self.max_iter is None else self.max_iter):

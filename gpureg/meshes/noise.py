@@ -31,7 +31,7 @@ def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: fl
 
 
 def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
-    """The median distance of a face's unit normal from the mean of those across its edges; faces u and v share one.
+    """Compute the median distance of a unit normal from the mean of those across edges, which faces u and v share.
 
     At most what the median distance across an edge says: of a part made for a machine many a face lies at a crease,
     and yet most edges are flat.

@@ -1,4 +1,4 @@
-"""Face normals as a function on the graph of faces: regularized, and vertices moved to fit them."""
+"""Regularize face normals, a function on the graph of faces, and move vertices to fit them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def regularized_normals(
     max_iter: int,
     **options: Unpack[Model],
 ) -> tuple[FloatArray, list[Result]]:
-    """Unit face normals regularized on the graph of faces that share a vertex, (F, 3).
+    """Regularize unit face normals, (F, 3), on the graph of faces that share a vertex.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def regularized_normals(
 
 
 def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
-    """The vectors at length 1; what has none is what it was."""
+    """Scale vectors (F, 3) to length 1; what has none is what it was."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1), instead)
 
@@ -84,7 +84,7 @@ def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
 def fitted_vertices(
     vertices: FloatArray, faces: IntArray, normals: FloatArray, moves: npt.NDArray[Any], steps: int
 ) -> FloatArray:
-    """Vertices moved so that the faces stand on given normals, (n, 3).
+    """Move vertices so that the faces stand on given normals, (n, 3).
 
     Each step moves every vertex v by moves(v) times the mean over its faces of n_f (n_f . (c_f - v)), where c_f is the
     mean of the corners: the update of Sun, Rosin, Martin and Langbein (IEEE TVCG 13(5), 2007), which lessens

@@ -47,11 +47,11 @@ class MeshSegmentation:
 
     @property
     def n_segments(self) -> tuple[int, ...]:
-        """How many segments each level has."""
+        """The number of segments of each level."""
         return tuple(int(labels.max()) + 1 for labels in self.levels)
 
     def at_most(self, n: int) -> Labels:
-        """The finest level with at most `n` segments.
+        """Find the finest level with at most `n` segments.
 
         Raises
         ------
@@ -164,7 +164,7 @@ def segment_mesh(
 
 
 def _borders(v: FloatArray, faces: IntArray, graph: Graph) -> FloatArray:
-    """The length of the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
+    """Measure the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
     one, other = faces[graph.edge_rows()], faces[graph.indices]
     shared = (one[:, :, None] == other[:, None, :]).any(axis=2)
     # the two corners that are shared come last

@@ -1,4 +1,4 @@
-"""Fewer vertices for meshes, by p < 1: :func:`simplify_mesh` (section 5.3, figure 8)."""
+"""Simplify meshes, by p < 1: :func:`simplify_mesh` (section 5.3, figure 8)."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def simplify_mesh(found: MeshSimplification) -> Any:
 
 
 def _first(which: IntArray, k: int) -> IntArray:
-    """A vertex that came, the first, for each that is left of copies."""
+    """Find for each vertex that is left of copies the first of them, (k,)."""
     first: IntArray = np.unique(which, return_index=True)[1]
     assert len(first) == k
     return first
@@ -227,7 +227,7 @@ def _round(
     weights: Weights | npt.ArrayLike,
     process: Callable[..., Result],
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
-    """One run of the process and its collapses, the cheapest first, down to `least` vertices.
+    """Run the process once and collapse edges, the cheapest first, down to `least` vertices.
 
     Of the edges that met only a share, the cheapest, is collapsed. Vertices and faces left, which of them each
     vertex has become (-1: none), a vertex that each of them was, how many edges met and how many of these were refused,

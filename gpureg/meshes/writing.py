@@ -1,4 +1,4 @@
-"""Mesh files written."""
+"""Write mesh files: :func:`write_mesh`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
 
 
 def encode_mesh(path: str | os.PathLike[str], mesh: Any, dtype: npt.DTypeLike | None = None) -> bytes:
-    """What :func:`write_mesh` writes to a file of that name.
+    """Encode a mesh as :func:`write_mesh` writes it to a file of that name.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _encoded(kind: str, mesh: Any, dtype: np.dtype[Any]) -> bytes:
 
 
 def _ply(mesh: Any, dtype: np.dtype[Any]) -> bytes:
-    """A binary PLY file; trimesh would narrow coordinates to float32."""
+    """Encode a binary PLY file; trimesh would narrow coordinates to float32."""
     colours = getattr(mesh.visual, "kind", None)
     vertex = {axis: np.asarray(mesh.vertices[:, k], dtype) for k, axis in enumerate("xyz")}
     if colours == "texture" and np.shape(mesh.visual.uv) == (len(mesh.vertices), 2):
@@ -140,7 +140,7 @@ def _properties(columns: dict[str, npt.NDArray[Any]]) -> list[str]:
 
 
 def _numbers(attributes: Any, count: int) -> dict[str, npt.NDArray[Any]]:
-    """The attributes that are a number each, in types that PLY has."""
+    """Pick the attributes that are a number each, in types that PLY has."""
     found = {}
     for name, given in attributes.items():
         values = np.asarray(given)

@@ -1,4 +1,4 @@
-"""Clusters of points by p -> 0: :func:`cluster_points`."""
+"""Cluster points by p -> 0: :func:`cluster_points`."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def cluster_points(
 
 
 def edge_weights(weights: Weights | npt.ArrayLike, graph: Graph, f0: FloatArray) -> FloatArray:
-    """Weights of any kind as one number per directed edge.
+    """Compute weights of any kind as one number per directed edge, (n_edges,).
 
     Raises
     ------
@@ -186,7 +186,7 @@ def _joined(pieces: Pieces, x: FloatArray, joins: list[_Join], n_clusters: int |
 
 
 class _Join(NamedTuple):
-    """Two clusters that become one, by the numbers of a piece in each."""
+    """Two clusters that become one; each is named by the number of a piece in it."""
 
     mean: float
     a: int

@@ -1,4 +1,4 @@
-"""Point clouds in and out of files: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
+"""Read and write point clouds: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class PointsFile:
 
 
 def point_format(path: str | os.PathLike[str]) -> str:
-    """The extension of a file of points.
+    """Return the extension of a file of points.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def encode_points(
     *,
     like: PointsFile | None = None,
 ) -> bytes:
-    """What :func:`write_points` writes to a file of that name.
+    """Encode points as :func:`write_points` writes them to a file of that name.
 
     Raises
     ------

@@ -110,7 +110,7 @@ class Task:
     options: Model
 
     def of_values(self, f0: FloatArray) -> PointDenoising:
-        """Values other than positions, (n, m), on the graph of neighbours."""
+        """Regularize values other than positions, (n, m), on the graph of neighbours."""
         graph = knn_graph(self.points, self.k)
         sigma = noise_on_graph(f0, graph) if self.sigma is None else self.sigma
         p = 1.0 if self.p is None else self.p
@@ -123,7 +123,7 @@ class Task:
         return self._found(f, "values", results, sigma=sigma, p=p, lam=lam)
 
     def moved(self, filter: PointFilter) -> PointDenoising:
-        """The points, by themselves or by the normals of their neighbourhoods."""
+        """Regularize the points, by themselves or by the normals of their neighbourhoods."""
         x, sigma = self.points, self.sigma
         if sigma is None and len(x) > 2:
             sigma = noise_along_normals(x) if x.shape[1] in (2, 3) else noise_on_graph(x, knn_graph(x, self.k))

@@ -1,4 +1,4 @@
-"""Patches of point clouds: what lies around a point, laid out on its tangent plane, to compare points by."""
+"""Describe points by patches: what lies around each, laid out on its tangent plane."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PIECE = 1 << 14
 def point_patches(
     points: Any, values: npt.ArrayLike | None = None, *, k: int = 16, patch_radius: int = 1
 ) -> FloatArray:
-    """What lies around each point of a surface in space: heights over its tangent plane, or values, on a small grid.
+    """Describe each point of a surface by what lies around it: heights over its tangent plane, or values, on a grid.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def point_patches(
 
 
 def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> FloatArray:
-    """Patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
+    """Lay out patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
     q = len(around)
     centred = around - around.mean(axis=1, keepdims=True)
     frame = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred)).eigenvectors
@@ -190,7 +190,7 @@ def patch_knn_graph(
 
 
 def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: float) -> IntArray:
-    """Of each point's nearest the k whose features are nearest to its own, -1 where there are no more; (n, k)."""
+    """Find among each point's nearest the k whose features are nearest to its own, (n, k); -1: no more."""
     k = min(k, near.shape[1] - 1)
     chosen = np.full((len(x), k), -1, np.int64)
     for begin in range(0, len(x), _PIECE):

@@ -1,4 +1,4 @@
-"""Point clouds of whoever's making, as an array of points, and back: :class:`Cloud`."""
+"""Convert point clouds of any library to an array of points, and back: :class:`Cloud`."""
 
 from __future__ import annotations
 

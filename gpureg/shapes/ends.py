@@ -1,4 +1,4 @@
-"""Whether a polygonal curve is open or closed, and what says so: :class:`Ends`."""
+"""Tell open from closed polygonal curves: :func:`ends_of`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Ends:
     why: Why
 
     def describe(self) -> str:
-        """Whether the curve is closed and why, in a line."""
+        """Say whether the curve is closed and why, in a line."""
         kind = "closed" if self.closed else "open"
         apart = f"its ends are {self.gap:.3g} apart"
         rule = f"{_NEAR:g} times the {100 * _QUANTILE:g} % quantile of the segments' lengths"
@@ -56,7 +56,7 @@ class Ends:
 
 
 def ends_of(points: FloatArray, closed: bool | None = None) -> Ends:
-    """Whether a curve is closed.
+    """Find out whether a curve is closed.
 
     Parameters
     ----------
