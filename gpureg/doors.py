@@ -14,6 +14,7 @@ from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar, overload
 
 P = ParamSpec("P")
+D = TypeVar("D")
 R = TypeVar("R")
 T = TypeVar("T")
 
@@ -22,6 +23,9 @@ _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
 RENAMED: dict[str, dict[str, str]] = {
     "regularization_path": {"lams": "lam"},
+    "point_patches": {"side": "patch_radius, which is (side - 1) / 2,"},
+    "segment_mesh": {"lams": "lam", "met_at": "merge_tol"},
+    "simplify_curve": {"function": "filter"},
 }
 """Parameters that had another name before: function, old name, what to write now."""
 
@@ -95,6 +99,34 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
 
     outermost.__signature__ = signature  # type: ignore[attr-defined]
     return outermost
+
+
+def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:
+    """Make a function of what it returns of the result of another one, whose parameters it takes.
+
+    Parameters
+    ----------
+    work : callable
+        What does the work. Its result says more than the caller of the new function asked for.
+
+    Returns
+    -------
+    callable
+        A decorator of functions from the result of `work` to what the caller gets. The parameters, their types and
+        their defaults are written once, at `work`, and documented at the decorated function.
+    """
+
+    def decorator(part: Callable[[D], R]) -> Callable[P, R]:
+        @functools.wraps(part)
+        def function(*args: P.args, **given: P.kwargs) -> R:
+            return part(work(*args, **given))
+
+        own = inspect.signature(part).return_annotation
+        function.__signature__ = inspect.signature(work).replace(return_annotation=own)  # type: ignore[attr-defined]
+        function.__annotations__ = work.__annotations__ | {"return": own}
+        return function
+
+    return decorator
 
 
 def _with_options(signature: inspect.Signature, options: Mapping[str, Any]) -> inspect.Signature:

@@ -108,9 +108,15 @@ def test_shapes() -> None:
         (lambda f, g: gr.operators.laplacian(f, g, coupled=1), "laplacian: coupled must be True or False, got 1"),
         (lambda f, g: gr.operators.laplacian(f, g, lam=1), r"laplacian\(\) got an unexpected keyword argument 'lam'"),
         (lambda f, g: gr.operators.curvature(f, g, eps=None), "curvature: eps must be a number, got None"),
-        (lambda f, g: gr.operators.edge_derivative(f, "g", [[0, 1]]), "edge_derivative: graph must be a Graph or a"),
-        (lambda f, g: gr.operators.divergence(f, "g"), "divergence: graph must be a Graph or a GridGraph, got str"),
-        (lambda f, g: gr.operators.markov_matrix("g"), "markov_matrix: graph must be a Graph or a GridGraph, got str"),
+        (
+            lambda f, g: gr.operators.edge_derivative(f, "g", [[0, 1]]),
+            "edge_derivative: graph must be a Graph, a GridGraph",
+        ),
+        (lambda f, g: gr.operators.divergence(f, "g"), "divergence: graph must be a Graph, a GridGraph, .*, got str"),
+        (
+            lambda f, g: gr.operators.markov_matrix("g"),
+            "markov_matrix: graph must be a Graph, a GridGraph, .*, got str",
+        ),
     ],
 )
 def test_an_error_names_the_operator_that_was_called(call, says: str) -> None:

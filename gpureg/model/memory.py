@@ -15,10 +15,10 @@ from ..arrays import computed_type
 from ..backends import Backend
 from ..checks import choice, flag, integer, number
 from ..doors import door
-from ..graphs.csr import Graph
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
-from .problem import NORMS, Norm, as_weights, expect_graph, lam_numbers
+from .problem import NORMS, Norm, as_weights, lam_numbers
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -128,7 +128,7 @@ def _is_unit(graph: AnyGraph, weights: Any) -> bool:
 
 @door
 def memory_needed(
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     channels: int = 1,
     p: float = 2.0,
@@ -172,7 +172,7 @@ def memory_needed(
     >>> gr.memory_needed(grid, weights=weights, backend="numpy") // 2**20
     137
     """
-    expect_graph(graph)
+    graph = as_graph(graph)
     channels = integer("channels", channels, low=1)
     p, norm = number("p", p, above=0), choice("norm", norm, NORMS)
     coupled, stored = flag("coupled", coupled), flag("stored", stored)

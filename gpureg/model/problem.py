@@ -64,12 +64,6 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
     return flat
 
 
-def expect_graph(graph: object) -> None:
-    """TypeError unless it is one of the two kinds of graph."""
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
-
-
 def lam_numbers(lam: float | npt.ArrayLike) -> npt.NDArray[Any]:
     """A fidelity as an array, (), (n,) or a grid's shape, checked to hold numbers."""
     array = np.asarray(lam)
@@ -92,6 +86,11 @@ def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
     return array.astype(np.float64) if array.ndim == 0 else array.reshape(-1, 1).astype(np.float64)
 
 
+def uses_degrees(gamma: object) -> bool:
+    """Whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
+    return isinstance(gamma, str) and gamma in ("normalized", "degree")
+
+
 def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
     if isinstance(gamma, str):
@@ -100,14 +99,14 @@ def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     if array.dtype.kind not in "iuf" or array.ndim == 0:
         raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)}, or one number per directed edge, got {gamma!r}")
     if isinstance(graph, GridGraph):
-        array = graph.flat_edges(array, "gamma")
+        array = graph.edges.listed(array, "gamma")
     elif array.shape != (graph.n_edges,):
         raise ValueError(f"gamma must have shape ({graph.n_edges},), one per stored directed edge, got {array.shape}")
     values: FloatArray = array.astype(np.float64)
     if not np.isfinite(values).all() or (values.size and values.min() < 0):
         bad = values[~(np.isfinite(values) & (values >= 0))][0]
         raise ValueError(f"gamma must be finite and >= 0, got {bad}")
-    return graph.edges_to_window(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+    return graph.edges.scatter(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
 
 
 def as_weights(graph: AnyGraph, weights: Weights | npt.ArrayLike | None) -> Weights | FloatArray | None:
@@ -117,7 +116,7 @@ def as_weights(graph: AnyGraph, weights: Weights | npt.ArrayLike | None) -> Weig
     if np.asarray(weights).dtype.kind not in "biuf":
         raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
     if isinstance(graph, GridGraph):
-        return graph.edges_to_half(weights)
+        return graph.edges.scatter_half(weights)
     given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
     if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):
         Graph(graph.indptr, graph.indices, given)  # says which edge has two weights
@@ -178,7 +177,6 @@ class Problem:
 
         Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
         """
-        expect_graph(graph)
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
         edge_factor = as_gamma(graph, gamma)

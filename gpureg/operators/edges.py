@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.problem import expect_graph
+from ..model.problem import uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import SETTINGS, Settings, bare, put_function
 
@@ -34,7 +35,7 @@ def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
 @door
 def difference(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
@@ -63,17 +64,18 @@ def difference(
     >>> gr.operators.difference([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([ 3., -3.,  0.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, 2.0, 0.0, True, settings)
     host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
     if isinstance(graph, GridGraph):
-        host = graph.window_to_edges(host)
+        host = graph.edges.gather(host)
     return host[:, 0] if np.shape(f) in bare(graph) else host
 
 
 @door(options=SETTINGS)
 def edge_derivative(
-    f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **settings: Unpack[Settings]
+    f: npt.ArrayLike, graph: GraphLike, edges: npt.ArrayLike, **settings: Unpack[Settings]
 ) -> FloatArray:
     """Compute the derivative of f at u along the edges (u, v) (eq. 5), the difference d_w(f)(u, v) at these edges.
 
@@ -99,7 +101,7 @@ def edge_derivative(
     >>> gr.operators.edge_derivative([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), [[1, 0]], backend="numpy")
     array([-3.], dtype=float32)
     """
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     pairs = np.asarray(edges)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         raise ValueError(f"edges must be integers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}")
@@ -120,7 +122,7 @@ def edge_derivative(
 @door
 def adjoint(
     H: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
@@ -155,11 +157,11 @@ def adjoint(
     >>> gr.operators.adjoint([1.0, 0.0, 0.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([-1.,  1.,  0.], dtype=float32)
     """
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     table = _edge_function(graph, H)
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
-    planes = graph.edges_to_window(table) if isinstance(graph, GridGraph) else table
+    planes = graph.edges.scatter(table) if isinstance(graph, GridGraph) else table
     host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
     if on.scale is not None:
         host = (host * on.scale).astype(host.dtype)
@@ -167,7 +169,7 @@ def adjoint(
 
 
 @door(options=SETTINGS)
-def divergence(H: npt.ArrayLike, graph: AnyGraph, **settings: Unpack[Settings]) -> FloatArray:
+def divergence(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
     """Compute the divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
 
     It sums to 0 over the vertices where gamma is symmetric (Property 1).

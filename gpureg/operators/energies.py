@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from ..checks import number
 from ..doors import door
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import SMOOTHED, Smoothed, put_function
 
 
 @door(options=SMOOTHED)
-def dirichlet_energy(f: npt.ArrayLike, graph: AnyGraph, p: float, **settings: Unpack[Smoothed]) -> float:
+def dirichlet_energy(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack[Smoothed]) -> float:
     """Compute the p-Dirichlet energy of a function (eq. 20, with eps eq. 15).
 
     The settings are those of :func:`p_laplacian`. With ``norm="edge"`` (eq. 30) the second sum is over the edges whose
@@ -38,7 +38,7 @@ def dirichlet_energy(f: npt.ArrayLike, graph: AnyGraph, p: float, **settings: Un
 def energy(
     f: npt.ArrayLike,
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     lam: float | npt.ArrayLike,
     *,
@@ -66,6 +66,7 @@ def energy(
     >>> gr.operators.energy([0.0, 3.0, 3.0], [1.0, 3.0, 3.0], graph, 2, 4.0, backend="numpy")
     11.0
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     number("eps", eps, low=0)
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.

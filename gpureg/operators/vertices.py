@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..checks import number
 from ..doors import door
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
 from .on_device import CHANNELS, SMOOTHED, Channels, Smoothed, bare, put_function
 
@@ -19,7 +19,7 @@ from .on_device import CHANNELS, SMOOTHED, Channels, Smoothed, bare, put_functio
 @door
 def gradient_norm(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float = 2.0,
     *,
     eps: float = 0.0,
@@ -54,6 +54,7 @@ def gradient_norm(
     >>> gr.operators.gradient_norm([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([3., 3., 0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     number("p", p, above=0)
     on, function = put_function(f, graph, 2.0, eps, coupled, settings)
@@ -67,7 +68,7 @@ def gradient_norm(
 @door
 def p_laplacian(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     *,
     eps: float = 0.0,
@@ -101,6 +102,7 @@ def p_laplacian(
     >>> gr.operators.p_laplacian([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
     array([-6.,  6.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, p, eps, coupled, settings)
     put = on.put_function(function)
@@ -112,7 +114,7 @@ def p_laplacian(
 
 
 @door(options=SMOOTHED)
-def laplacian(f: npt.ArrayLike, graph: AnyGraph, **settings: Unpack[Smoothed]) -> FloatArray:
+def laplacian(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Smoothed]) -> FloatArray:
     """Compute the weighted Laplacian, the p-Laplacian of p = 2 (eq. 16); shape and settings are those of it.
 
     With ``gamma="combinatorial"`` it is the matrix D - W of Table I times f, with "normalized" I - D^-1/2 W D^-1/2. The
@@ -129,7 +131,7 @@ def laplacian(f: npt.ArrayLike, graph: AnyGraph, **settings: Unpack[Smoothed]) -
 
 
 @door(options=CHANNELS)
-def curvature(f: npt.ArrayLike, graph: AnyGraph, *, eps: float, **settings: Unpack[Channels]) -> FloatArray:
+def curvature(f: npt.ArrayLike, graph: GraphLike, *, eps: float, **settings: Unpack[Channels]) -> FloatArray:
     """Compute the weighted curvature, the p-Laplacian of p = 1 (eq. 18); shape and settings are those of it.
 
     `eps` > 0 is needed: the gradient may vanish.

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray
 from ..backends.zones import Labels
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
@@ -20,7 +21,7 @@ KINDS: tuple[Kind, ...] = ("both", "minima", "maxima")
 Flags = npt.NDArray[np.bool_]
 
 
-def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: str = "auto") -> Labels:
+def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: str = "auto") -> Labels:
     """Label the regional extrema of a function: the flat zones that have no neighbour below, or none above.
 
     Parameters
@@ -57,13 +58,14 @@ def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: 
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     if values.shape[1] > 1:
         values = values.mean(axis=1, dtype=np.float64, keepdims=True)
     return _shaped(_regional(values, graph, kind, backends.get(backend, np.float32)), graph)
 
 
-def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto") -> Labels:
+def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto") -> Labels:
     """Label the regional minima of the gradient norm of a function: where it is flattest.
 
     Parameters
@@ -95,6 +97,7 @@ def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto")
     >>> gr.sources.gradient_minima([0, 0, 0, 4, 9, 9], gr.GridGraph(6), backend="numpy")
     array([ 0,  0, -1, -1, -1,  1], dtype=int32)
     """
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     return _shaped(
         _regional(_squared_gradient(values, graph), graph, "minima", backends.get(backend, np.float32)), graph

@@ -10,9 +10,10 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, unmasked
 from ..checks import flag
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.problem import Norm, expect_graph
+from ..model.problem import Norm, uses_degrees
 from ..solvers import Solver
 from ..weights import Weights
 from .harmonic import harmonic
@@ -22,11 +23,11 @@ from .regularize import regularize
 
 @overload
 def propagate_labels(
-    labels: npt.ArrayLike, graph: AnyGraph, *, return_scores: Literal[False] = False, **settings: Any
+    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[False] = False, **settings: Any
 ) -> IntArray: ...
 @overload
 def propagate_labels(
-    labels: npt.ArrayLike, graph: AnyGraph, *, return_scores: Literal[True], **settings: Any
+    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[True], **settings: Any
 ) -> tuple[IntArray, FloatArray]: ...
 @door(options=RUN)  # type: ignore[misc]  # the overloads leave the settings to this one
 def propagate_labels(
@@ -115,7 +116,7 @@ def propagate_labels(
     """
     if isinstance(labels, Graph | GridGraph):
         raise TypeError("the labels come first now, then the graph: propagate_labels(labels, graph)")
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     balance, return_scores = flag("balance", balance), flag("return_scores", return_scores)
     given = _checked(graph, labels)
     flat = given.reshape(-1)

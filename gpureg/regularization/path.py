@@ -13,11 +13,10 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import unmasked
 from ..doors import door
-from ..graphs.csr import Graph
-from ..graphs.grid import GridGraph
+from ..graphs.accepted import GraphLike, as_graph
 from ..model.memory import budget
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem
+from ..model.problem import Problem, uses_degrees
 from ..model.result import Result
 from ..progress import progress_bar
 from ..solvers import resolve, run
@@ -45,7 +44,7 @@ class Series:
     def __init__(
         self,
         f0: npt.ArrayLike,
-        graph: Graph | GridGraph,
+        graph: GraphLike,
         *,
         weights: Weights | npt.ArrayLike | None = None,
         gamma: str | npt.ArrayLike = "sqrt",
@@ -54,7 +53,7 @@ class Series:
         **options: Unpack[Model],
     ) -> None:
         chosen = {**MODEL, **options}
-        self._f0, self._graph = f0, graph
+        self._f0, self._graph = f0, as_graph(graph, degrees=uses_degrees(gamma))
         self._model: dict[str, Any] = {"weights": weights, "gamma": gamma, "coupled": coupled}
         self._model |= {name: chosen[name] for name in ("norm", "eps")}
         self._run = {name: chosen[name] for name in ("backend", "memory", "callback", "progress")}
@@ -149,7 +148,7 @@ class Path:
 @door(options=MODEL)
 def regularization_path(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     lam: float | npt.ArrayLike = 1.0,
     p: float | npt.ArrayLike = 2.0,

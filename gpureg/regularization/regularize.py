@@ -14,11 +14,12 @@ from ..arrays import FloatArray, computed_type
 from ..backends import Backend
 from ..checks import flag, integer, number
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget, readable
 from ..model.on_device import DeviceProblem
-from ..model.problem import Norm, Problem, as_function
+from ..model.problem import Norm, Problem, as_function, uses_degrees
 from ..model.result import Interrupted, Result, Stop
 from ..progress import progress_bar
 from ..solvers import Jacobi, Solver, resolve, run
@@ -31,7 +32,7 @@ from .tiling import Tiling, halo, tiling, work_of
 @door
 def regularize(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     p: float = 2.0,
     lam: float | npt.ArrayLike = 1.0,
@@ -59,8 +60,9 @@ def regularize(
         The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
         channels. Values are used as they come.
     graph : Graph or GridGraph
-        The graph of n vertices. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex out;
-        such a value decides nothing, but patches that reach over it see it (NaN as 0).
+        The graph of n vertices; or a symmetric sparse matrix of weights of scipy, or a graph of networkx, whose loops
+        are left out with a warning. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex
+        out; such a value decides nothing, but patches that reach over it see it (NaN as 0).
     p : float, default 2
         Degree of regularity > 0: 2 is Tikhonov's, 1 total variation, towards 0 the result becomes piecewise constant.
     lam : float or array, default 1
@@ -148,6 +150,7 @@ def regularize(
     The largest change in one iteration fell to the tolerance.
     """
     begin = time.perf_counter()
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     method = resolve(solver)
     max_iter, tol, kind = as_run(method, max_iter, tol, dtype, callback, progress)
     if update_weights is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Backend
 from ..graphs.grid import GridGraph
-from ..graphs.grid_parts import part_of, rows_of
+from ..graphs.grid_parts import rows_of
 from ..model.memory import Budget, Job, Need, readable
 from ..model.problem import Problem
 from ..weights import Weights, patch_weights
@@ -188,7 +188,7 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
     """The problem on a tile."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
-    part = part_of(grid, tile.wide)
+    part = grid.part(tile.wide)
     lam, weights = problem.lam, problem.weights
     if lam.ndim:
         lam = lam.reshape(grid.shape)[tile.wide].reshape(-1, 1)

@@ -11,10 +11,11 @@ from .. import backends
 from ..arrays import FloatArray
 from ..checks import integer, number
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
-from ..graphs.grid import AnyGraph, GridGraph
+from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem, as_function, expect_graph
+from ..model.problem import Problem, as_function
 from ..weights import Bilateral, Patch
 from ..weights.base import AnyWeights
 
@@ -38,10 +39,10 @@ class AveragingFilter(NamedTuple):
 
 
 def stored_weights(
-    graph: AnyGraph, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
+    graph: GraphLike, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
 ) -> tuple[Graph, FloatArray, FloatArray | None, Problem]:
     """The graph as CSR, its weights one per directed edge, the conductances g (n,) or None, and the problem."""
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=True)
     p = number("p", p, above=0)
     if f is None and isinstance(weights, Bilateral | Patch):
         raise ValueError("these weights are computed from data: give f, the function they compare")
@@ -53,8 +54,8 @@ def stored_weights(
     on = DeviceProblem.put(problem, backends.get("numpy", kind))
     values = on.backend.get_weights(on.weighted)
     if isinstance(graph, GridGraph):
-        half = graph.unit_half_weights() if values is None else values
-        stored, values = graph.to_graph(), graph.half_to_edges(half)
+        half = graph.edges.unit_half() if values is None else values
+        stored, values = graph.to_graph(), graph.edges.gather_half(half)
     else:
         stored = graph
         values = np.ones(graph.n_edges) if values is None else values
@@ -64,7 +65,7 @@ def stored_weights(
 
 @door
 def averaging_filter(
-    graph: AnyGraph,
+    graph: GraphLike,
     f: npt.ArrayLike | None = None,
     *,
     p: float = 2.0,
@@ -124,7 +125,7 @@ def averaging_filter(
 
 @door
 def markov_matrix(
-    graph: AnyGraph,
+    graph: GraphLike,
     f: npt.ArrayLike | None = None,
     *,
     p: float = 2.0,
@@ -170,7 +171,7 @@ def markov_matrix(
 
 
 @door
-def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights = None) -> FloatArray:
+def diffuse(f0: npt.ArrayLike, graph: GraphLike, t: int, *, weights: AnyWeights = None) -> FloatArray:
     """Diffuse a function: P^t f0 (eq. 28), t plain sweeps with p = 2 and lam = 0, in float64.
 
     Parameters
@@ -199,8 +200,8 @@ def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights =
     >>> gr.spectral.diffuse([0.0, 4.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 1)
     array([4., 0., 4.])
     """
-    expect_graph(graph)
     t = integer("t", t, low=0)
+    graph = as_graph(graph, degrees=True)
     P = markov_matrix(graph, f0, weights=weights)
     f: FloatArray = as_function(graph, f0, "f0").astype(np.float64)
     for _ in range(t):

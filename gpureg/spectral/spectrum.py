@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..checks import integer
 from ..doors import door
-from ..graphs.grid import AnyGraph
-from ..model.problem import as_function, expect_graph
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import as_function
 from ..weights.base import AnyWeights
 from .markov import stored_weights
 
@@ -45,7 +45,7 @@ class Eigenpairs(NamedTuple):
 
 
 @door
-def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
+def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
     """Find the first k eigenpairs of the Markov matrix P = D^-1 W (section 4.1), from the eigenvalue 1 downwards.
 
     Through the symmetric D^-1/2 W D^-1/2, connected part by part (so that the eigenvalue 1 comes as often as there are
@@ -83,7 +83,7 @@ def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weigh
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=True)
     k = integer("k", k, low=1, high=graph.n_vertices)
     stored, w, _, _ = stored_weights(graph, f, weights, 2.0, 0.0, None)
     n, rows = stored.n_vertices, stored.edge_rows()
@@ -149,7 +149,7 @@ def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
 @door
 def spectral_filter(
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     k: int,
     *,
     weights: AnyWeights = None,
@@ -190,7 +190,7 @@ def spectral_filter(
     >>> gr.spectral.spectral_filter([1.0, 2.0, 3.0, 6.0], ring, 1)
     array([3., 3., 3., 3.])
     """
-    expect_graph(graph)
+    graph = as_graph(graph, degrees=True)
     k = integer("k", k, low=1)
     f = as_function(graph, f0, "f0").astype(np.float64)
     if pairs is None:
