@@ -19,7 +19,17 @@ R = TypeVar("R")
 # The public function that the caller wrote, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
-RENAMED: dict[str, dict[str, str]] = {}
+RENAMED: dict[str, dict[str, str]] = {
+    "denoise_image": {"nearest": "k"},
+    "denoise_nl_means": {"a": "patch_sigma"},
+    "inpaint_image": {"mask": "missing"},
+    "patch": {"radius": "patch_radius", "a": "patch_sigma"},
+    "patch_graph": {"a": "patch_sigma"},
+    "plan_denoising": {"nearest": "k"},
+    "Regions.hierarchy": {"lams": "lam", "tol": "merge_tol"},
+    "Regions.merged": {"tol": "merge_tol"},
+    "simplify_image": {"merge": "merge_tol"},
+}
 """Parameters that had another name before: function, old name, what to write now."""
 
 
