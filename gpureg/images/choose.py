@@ -158,7 +158,12 @@ def _searched(
 ) -> DenoisePlan:
     """The plan with the lam that a search finds."""
     pixels = raster.pixels(asked["dtype"])
-    run = {"solver": asked["solver"], "backend": asked["backend"], "memory": asked["memory"], "dtype": pixels.dtype}
+    run: dict[str, Any] = {
+        "solver": asked["solver"],
+        "backend": asked["backend"],
+        "memory": asked["memory"],
+        "dtype": pixels.dtype,
+    }
 
     def denoise(y: npt.NDArray[Any], lam: float) -> npt.NDArray[Any]:
         return solve(replace(plan, lam=lam), y, raster.inside, **run).value

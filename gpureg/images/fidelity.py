@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +50,7 @@ def fidelity_of(
         A fidelity that is to follow from the noise, where there is none.
     """
     why: dict[str, str] = {}
-    lam = None if course.search is not None else cast("float | npt.ArrayLike | None", asked["lam"])
+    lam = None if course.search is not None else asked["lam"]
     plain = asked["p"] in (None, 2)
     if asked["p"] is None:
         why["p"] = "default"

@@ -126,9 +126,8 @@ def denoise_nl_means(
     number("radius", radius, finite=False)
     # The weight function's own checks come first; a map is checked on its own shape.
     sigmas = map_of("sigma", sigma, raster.shape, low=0)
-    patch(
-        patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), patch_sigma=patch_sigma, cut=cut
-    )
+    by_row = sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas)
+    patch(patch_radius, 1.0, sigma=by_row, patch_sigma=patch_sigma, cut=cut)
     if h is None:
         noise = float(np.sqrt(np.mean(np.square(sigmas))))
         if noise == 0:

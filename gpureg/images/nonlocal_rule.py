@@ -20,14 +20,14 @@ class NonlocalRule(NamedTuple):
 
     Attributes
     ----------
-    weights : Weights
+    weights : Weights or array
     lam : float
         Twice the weight of a pixel itself.
     average_radius : int or None
         Radius of the patches whose estimates are averaged, each counted by its weights; None averages none.
     """
 
-    weights: Weights
+    weights: Weights | npt.ArrayLike
     lam: float
     average_radius: int | None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from ..regularization.options import RUN
 from ..solvers import Jacobi
 from ..weights import Weights
 from .borders import cropped, padded
-from .options import Filter, RunPlan, map_of
+from .options import Filter, map_of
 from .plan import AveragePatches, DenoisePlan
 from .raster import Raster
 from .run import run_plan
@@ -91,7 +91,7 @@ def one_step(
         average_patches=average_patches,
         average_radius=averaged,
     )
-    run = cast("RunPlan", {name: x for name, x in asked.items() if name in RUN})
+    run: dict[str, Any] = {name: x for name, x in asked.items() if name in RUN}
     # lam = 0 is the plain sweep, whatever the graph: a step is no iteration that could swing
     wide = replace(raster, values=cells, inside=inside, channel_axis=last)
     value = run_plan(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value

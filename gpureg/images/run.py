@@ -87,7 +87,8 @@ def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None
     """
     if plan.max_iter > 0 and not (plan.k is None and _is_one_sweep(plan, _process(plan, solver))):
         raise ValueError(
-            f"{what} is about one sweep at p = 2 of bilateral or patch weights: leave out p, max_iter, tol, k and solver"
+            f"{what} is about one sweep at p = 2 of bilateral or patch weights: leave out p, max_iter, tol, k, "
+            "solver and other weights"
         )
 
 

@@ -176,8 +176,9 @@ def patch(
     Parameters
     ----------
     patch_radius : int
-        k' >= 0 of the patch of side 2 k' + 1 cells. Radius 0 compares the data of the vertices alone and serves any graph; a
-        larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge cell.
+        k' >= 0 of the patch of side 2 k' + 1 cells. Radius 0 compares the data of the vertices alone and serves any
+        graph; a larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge
+        cell.
     h : float or (n,) array
         Filtering parameter > 0: in the data's units times the square root of the sum of g. With one value per vertex
         h(u) h(v) stands instead of h^2, so that the weights stay symmetric.
@@ -197,8 +198,8 @@ def patch(
     Raises
     ------
     TypeError, ValueError
-        A patch_radius that is not an integer >= 0, h or patch_sigma not > 0, sigma < 0, cut not in 0..1; at use, a map for another
-        number of vertices.
+        A patch_radius that is not an integer >= 0, h or patch_sigma not > 0, sigma < 0, cut not in 0..1; at use, a map
+        for another number of vertices.
 
     Notes
     -----
