@@ -141,7 +141,7 @@ class DenoisePlan:
             why = self.reasons.get("averaging", self.reasons.get("patch", "given"))
             rows["averaging"] = f"{sides} patches, {kind}", why
         if self.k is not None:
-            rows["k"] = f"{self.k} nearest patches", self.reasons.get("k", "given")
+            rows["k"] = f"{self.k}", self.reasons.get("k", "given")
         rows["p"] = f"{self.p:g}", self.reasons.get("p", "given")
         rows["lam"] = f"{float(np.asarray(self.lam)):.4g}" if one else "a map", self.reasons.get("lam", "given")
         rows["iterations"] = f"at most {self.max_iter}", self.reasons.get("iterations", "given")
