@@ -228,7 +228,7 @@ def test_merged_regions_are_unions_of_neighbours_whose_values_met():
     total = found.graph.sizes @ found.values[:, 0]
     assert coarse.graph.sizes @ coarse.values[:, 0] == pytest.approx(total)
     assert np.array_equal(
-        gr.simplify_image(image, p=0.5, lam=0.05, weights="constant", max_iter=200, merge=tol).labels, coarse.labels
+        gr.simplify_image(image, p=0.5, lam=0.05, weights="constant", max_iter=200, merge_tol=tol).labels, coarse.labels
     )
     assert found.merged(1e9).n_regions == 1
 
@@ -252,15 +252,15 @@ def test_merging_keeps_medians_and_sources():
 def test_a_hierarchy_is_nested():
     image = picture((40, 40))
     fine = gr.simplify_image(image, max_iter=0)
-    levels = fine.hierarchy([2.0, 0.5, 0.1], tol=1.0, p=0.7, weights="constant", by_size=True, max_iter=100)
+    levels = fine.hierarchy(lam=[2.0, 0.5, 0.1], merge_tol=1.0, p=0.7, weights="constant", by_size=True, max_iter=100)
     counts = [fine.n_regions, *(level.n_regions for level in levels)]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] < counts[0]
     for before, after in zip((fine, *levels), levels, strict=False):
         pairs = np.unique(np.stack([before.labels.ravel(), after.labels.ravel()]), axis=1)
         assert pairs.shape[1] == before.n_regions
-    with pytest.raises(ValueError, match=r"lams must fall, one after another, got \[1.0, 1.0\]"):
-        fine.hierarchy([1, 1], tol=1)
+    with pytest.raises(ValueError, match=r"lam must fall, one after another, got \[1.0, 1.0\]"):
+        fine.hierarchy(lam=[1, 1], merge_tol=1)
 
 
 def test_spacing_goes_into_sizes_and_borders():
