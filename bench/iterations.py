@@ -10,6 +10,7 @@ import numpy as np
 
 import gpureg as gr
 from gpureg import backends
+from gpureg.backends import Smoothness
 
 from .model import (
     DEVICE,
@@ -89,9 +90,7 @@ class Sweeps:
         return None if self.p == 2 else self.backend.empty(self.graph, 1)
 
     def _sweep(self, f: Any, f0: Any, out: Any) -> None:
-        self.backend.sweep(
-            self.weighted, f, f0, self.lam, p=self.p, eps=self.eps, coupled=True, theta=1.0, g=self.g, out=out
-        )
+        self.backend.sweep(self.weighted, f, f0, self.lam, Smoothness(self.p, self.eps), theta=1.0, g=self.g, out=out)
 
     def __call__(self) -> None:
         """The iterations, from array to array that stay on the device."""

@@ -15,7 +15,7 @@ from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
 from gpureg import backends
 from gpureg.backends import BackendUnavailable
 from gpureg.graphs.grid import GridGraph
-from gpureg.regularization import tiled as tiles
+from gpureg.regularization import one_sweep
 
 # graph, channels, radius of the patch, dtype
 CASES = (
@@ -147,7 +147,7 @@ def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, ra
     f, form = cases.function(grid, channels), PatchCase("", radius=2, scale=2.0, spatial=True).form(grid)
     inside = np.ones((grid.n_vertices, 1)) if mask is None else mask.reshape(-1, 1).astype(float)
     for lam in (0.0, 1.5):
-        count = tiles._per_patch(grid, lam, radius)
+        count = one_sweep._per_patch(grid, lam, radius)
         step = dataclasses.replace(form, average=radius)
         fused = backend.get(
             grid, backend.similarity_step(grid, f, step, backend.put(grid, f), backend.put(grid, count))

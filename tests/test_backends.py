@@ -14,7 +14,7 @@ from conftest import device_params
 from numpy.testing import assert_array_equal
 
 from gpureg import backends, kernels
-from gpureg.backends import BackendUnavailable, EdgeNorm, PatchForm
+from gpureg.backends import BackendUnavailable, PatchForm, Smoothness
 from gpureg.graphs.csr import Graph
 from gpureg.graphs.edges import opposite_edges
 from gpureg.graphs.grid import GridGraph
@@ -89,10 +89,10 @@ def as_gpu(device, dtype, monkeypatch):
     """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
     backend = backends.get(device, dtype)
     if backend.name == "warp":
-        from gpureg.backends.warp import primitives as warp
+        from gpureg.backends.warp import patches as warp_patches
 
-        monkeypatch.setattr(warp, "_STRIP_ROWS", 1)
-        monkeypatch.setattr(warp, "_STRIP_BYTES", backend.dtype.itemsize)
+        monkeypatch.setattr(warp_patches, "_STRIP_ROWS", 1)
+        monkeypatch.setattr(warp_patches, "_STRIP_BYTES", backend.dtype.itemsize)
         return backend
     from gpureg.backends.opencl import primitives as opencl
 
@@ -216,9 +216,9 @@ def check_energy(backend, one):
     for p in cases.P_ALL:
         for lam in (one.lam, 0.75, float("inf")) if setup.full else (one.lam,):
             device_lam = lam if isinstance(lam, float) else backend.put(graph, lam)
-            actual = backend.energy(weighted, f, f0, device_lam, p=p, eps=cases.EPS, coupled=setup.coupled)
+            actual = backend.energy(weighted, f, f0, device_lam, Smoothness(p, cases.EPS, setup.coupled))
             assert isinstance(actual, float)
-            exact = oracle().energy(one.exact, one.f, one.f0, lam, p=p, eps=cases.EPS, coupled=setup.coupled)
+            exact = oracle().energy(one.exact, one.f, one.f0, lam, Smoothness(p, cases.EPS, setup.coupled))
             bound = one.bounds.energy(one.q, one.f, one.f0, lam, p, setup.coupled)
             assert_within(actual, exact, bound, f"energy, p = {p}")
             results.append(np.array(actual))
@@ -257,9 +257,9 @@ def test_sums_over_long_segments(backend, setup):
     for u in (*range(0, n, n // 7), n - 2, n - 1):
         moved = one.f.copy()
         moved[u] += 8
-        assert backend.max_change(weighted, a, backend.put(one.graph, moved)) == pytest.approx(8)
+        assert backend.max_change(weighted.graph, a, backend.put(one.graph, moved)) == pytest.approx(8)
         moved[u] = np.nan
-        assert backend.max_change(weighted, a, backend.put(one.graph, moved)) == np.inf
+        assert backend.max_change(weighted.graph, a, backend.put(one.graph, moved)) == np.inf
 
 
 @pytest.mark.parametrize("setup", [cases.SETUPS[0], *cases.LONG], ids=lambda setup: setup.id)
@@ -278,19 +278,19 @@ def test_max_change(backend, setup):
     graph, weighted = one.graph, backend.prepare(one.graph, one.weights)
     a = backend.put(graph, one.f)
     exact = float(np.abs(one.f - one.f0).max())
-    change = backend.max_change(weighted, a, backend.put(graph, one.f0))
+    change = backend.max_change(weighted.graph, a, backend.put(graph, one.f0))
     assert_within(change, exact, one.bounds.max_change(exact), "max_change")
-    assert backend.max_change(weighted, a, a) == 0
+    assert backend.max_change(weighted.graph, a, a) == 0
     # The largest change may sit anywhere, the last vertex and the last channel included.
     for u in {0, graph.n_vertices // 2, graph.n_vertices - 1}:
         for c in {0, setup.channels - 1}:
             moved = one.f.copy()
             moved[u, c] -= 8
-            assert backend.max_change(weighted, a, backend.put(graph, moved)) == pytest.approx(8)
+            assert backend.max_change(weighted.graph, a, backend.put(graph, moved)) == pytest.approx(8)
             for broken in (np.nan, np.inf):
                 moved[u, c] = broken
-                assert backend.max_change(weighted, a, backend.put(graph, moved)) == np.inf
-                assert backend.max_change(weighted, backend.put(graph, moved), a) == np.inf
+                assert backend.max_change(weighted.graph, a, backend.put(graph, moved)) == np.inf
+                assert backend.max_change(weighted.graph, backend.put(graph, moved), a) == np.inf
 
 
 @every_setup
@@ -307,7 +307,7 @@ def test_sweep_is_its_two_primitives(backend, setup):
         expected = backend.get(graph, backend.jacobi_step(weighted, f, f0, g, lam, theta=0.625))
         scratch, out = None if p == 2 else nan(backend, graph, G), nan(backend, graph, m)
         back = backend.sweep(
-            weighted, f, f0, lam, p=p, eps=cases.EPS, coupled=setup.coupled, theta=0.625, g=scratch, out=out
+            weighted, f, f0, lam, Smoothness(p, cases.EPS, setup.coupled), theta=0.625, g=scratch, out=out
         )
         assert back is out
         largest = np.abs(expected).max()
@@ -329,7 +329,7 @@ def test_sweeps_in_a_row(backend, setup):
         b, lam = nan(on, one.graph, setup.channels), on.put(one.graph, one.lam)
         g = nan(on, one.graph, 1 if setup.coupled else setup.channels)
         for _ in range(4):
-            on.sweep(weighted, a, f0, lam, p=p, eps=eps, coupled=setup.coupled, theta=1.0, g=g, out=b)
+            on.sweep(weighted, a, f0, lam, Smoothness(p, eps, setup.coupled), theta=1.0, g=g, out=b)
             a, b = b, a
         return on.get(one.graph, a)
 
@@ -458,13 +458,13 @@ def test_both_norms_and_processes(backend, setup, dtype, directed):
             expected = oracle().gradient_norm(exact, one.f, **settings)
             check(out, expected, expected.max(initial=0), f"L^p norm, p = {p}, eps = {eps}")
         for edge_norm in (False, True):
-            settings = {"p": p, "eps": cases.EPS, "coupled": coupled, "edge_norm": edge_norm}
+            model = Smoothness(p, cases.EPS, coupled, edge_norm)
             what = f"p = {p}, edge norm {edge_norm}"
             g, exact_g = None, None
             if edge_norm:
-                g = exact_g = EdgeNorm(p, cases.EPS, coupled)
+                g = exact_g = model
             else:
-                exact_g = rounded(oracle().conductances(exact, one.f, **settings))
+                exact_g = rounded(oracle().conductances(exact, one.f, model))
                 g = backend.put(graph, exact_g)
             results = []
             for _ in range(2):
@@ -472,7 +472,7 @@ def test_both_norms_and_processes(backend, setup, dtype, directed):
                 assert backend.p_laplacian(weighted, f, g, out=slope) is slope
                 assert backend.jacobi_step(weighted, f, f0, g, lam, theta=0.625, out=step) is step
                 assert backend.euler_step(weighted, f, f0, g, lam, tau, out=moved) is moved
-                energy = backend.energy(weighted, f, f0, lam, **settings)
+                energy = backend.energy(weighted, f, f0, lam, model)
                 results.append([*(backend.get(graph, x).tobytes() for x in (slope, step, moved)), energy])
             assert results[0] == results[1]
             push = one.conductance(p) * flow.max(initial=0)
@@ -482,7 +482,7 @@ def test_both_norms_and_processes(backend, setup, dtype, directed):
             check(step, expected, 1 + np.abs(expected), f"jacobi_step, {what}")
             expected = oracle().euler_step(exact, one.f, one.f0, exact_g, one.lam, one.tau)
             check(moved, expected, 1 + one.tau * (push + finite), f"euler_step, {what}")
-            expected = oracle().energy(exact, one.f, one.f0, one.lam, **settings)
+            expected = oracle().energy(exact, one.f, one.f0, one.lam, model)
             assert energy == pytest.approx(expected, rel=tolerance, abs=1e-30), what
     for number in (0.5, float("inf")):
         moved = backend.euler_step(weighted, f, f0, None, number, 0.0625)

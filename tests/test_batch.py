@@ -312,7 +312,8 @@ def test_interrupt_in_the_middle(raw):
     # It says when the first file is written, and takes SIGINT where a shell's background would have it ignored.
     code = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from gpureg import batch, cli\n"
+        "from gpureg import cli\n"
+        "from gpureg.jobs import batch\n"
         "work = batch.denoise_file\n"
         "def told(source, *a, **k):\n"
         "    if source.name == 'b.png': print('ready', flush=True)\n"

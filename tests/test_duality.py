@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_paper import CHANNELS, Form, assert_close, both_forms, literal, oracle  # noqa: F401, a fixture
 
+from gpureg.backends import Smoothness
 from gpureg.graphs.csr import Graph
 from gpureg.graphs.grid import GridGraph
 
@@ -76,8 +77,8 @@ class Setting:
         ]
         return self.edge_array(scaled)
 
-    def settings(self, p, eps, edge_norm):
-        return {"p": p, "eps": eps, "coupled": self.coupled, "edge_norm": edge_norm}
+    def model(self, p, eps, edge_norm):
+        return Smoothness(p, eps, self.coupled, edge_norm)
 
 
 @pytest.fixture
@@ -99,18 +100,18 @@ def test_dot_and_combine(oracle, setting):  # noqa: F811
     each[::3] = np.inf
     for over in (*s.lams, each):
         overs = s.functions(np.broadcast_to(over, x.shape).astype(float))
-        found = oracle.dot(s.weighted, x, y, over=over)
+        found = oracle.dot(s.weighted.graph, x, y, over=over)
         assert isinstance(found, float)
         assert_close(found, duality.dot(s.V, xs, ys, overs), scale=np.abs(x * y).sum())
         expected = s.form.case.array(duality.combine(s.V, -0.75, xs, 1.5, ys, overs))
-        assert_close(oracle.combine(s.weighted, -0.75, x, 1.5, y, over=over), expected)
+        assert_close(oracle.combine(s.weighted.graph, -0.75, x, 1.5, y, over=over), expected)
         for place in (0, 1):
             pair = [x.copy(), y.copy()]
-            back = oracle.combine(s.weighted, -0.75, pair[0], 1.5, pair[1], over=over, out=pair[place])
+            back = oracle.combine(s.weighted.graph, -0.75, pair[0], 1.5, pair[1], over=over, out=pair[place])
             assert back is pair[place]
             assert_close(back, expected)
-    assert oracle.dot(s.weighted, x, y, over=math.inf) == 0
-    assert oracle.dot(s.weighted, x, y) == pytest.approx(float((x * y).sum()), rel=1e-12)
+    assert oracle.dot(s.weighted.graph, x, y, over=math.inf) == 0
+    assert oracle.dot(s.weighted.graph, x, y) == pytest.approx(float((x * y).sum()), rel=1e-12)
 
 
 # The gradient
@@ -125,7 +126,7 @@ def test_gradient(oracle, setting, edge_norm):  # noqa: F811
     fs, f0s = s.functions(s.f), s.functions(s.f0)
     for p, eps in [*itertools.product(P, [cases.EPS]), (2.0, 0.0), (3.0, 0.0)]:
         # eps = 0 where p < 2 has no derivative: the functions are flat somewhere
-        g = oracle.conductances(s.weighted, s.f, **s.settings(p, eps, edge_norm))
+        g = oracle.conductances(s.weighted, s.f, s.model(p, eps, edge_norm))
         norms = (
             paper.edge_norms(s.E, s.gamma, fs, eps, s.coupled)
             if edge_norm
@@ -155,19 +156,19 @@ def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm):  # noqa: F8
     free = np.broadcast_to(np.isfinite(lam), s.f.shape)
     f = np.where(free, s.f, s.f0)
     for p in P:
-        settings = s.settings(p, 0.25, edge_norm)
+        model = s.model(p, 0.25, edge_norm)
 
-        def energy_at(index, step, settings=settings):
+        def energy_at(index, step, model=model):
             moved = f.copy()
             moved[index] += step
-            return oracle.energy(s.weighted, moved, s.f0, lam, **settings)
+            return oracle.energy(s.weighted, moved, s.f0, lam, model)
 
         numeric = np.zeros_like(f)
         for index in np.argwhere(free):
             at = tuple(index)
             near, far = energy_at(at, h) - energy_at(at, -h), energy_at(at, 2 * h) - energy_at(at, -2 * h)
             numeric[at] = (8 * near - far) / (12 * h)
-        g = oracle.conductances(s.weighted, f, **settings)
+        g = oracle.conductances(s.weighted, f, model)
         found = oracle.gradient(s.weighted, f, s.f0, g, lam)
         assert np.abs(found - numeric).max() <= 1e-8 * np.abs(found).max()
         assert not found[~free].any()
@@ -192,7 +193,7 @@ def test_dual_step(oracle, setting, edge_norm):  # noqa: F811
         z = duality.extrapolated(s.E, s.gamma, *vectors, BETA, SIGMA)
         expected = s.edge_array(duality.prox(s.V, s.E, z, SIGMA, p, eps, s.coupled, edge_norm))
         place = s.host(before).copy()
-        step = {"beta": BETA, "sigma": SIGMA, **s.settings(p, eps, edge_norm)}
+        step = {"model": s.model(p, eps, edge_norm), "beta": BETA, "sigma": SIGMA}
         back = oracle.dual_step(s.weighted, s.host(y), place, s.f, s.f_before, **step)
         assert back is place
         assert_close(s.form.from_host(back), expected, scale=max(1, np.abs(s.edge_array(z)).max(initial=0)))
@@ -216,7 +217,7 @@ def test_dual_step_minimises(oracle, setting, edge_norm):  # noqa: F811
             phi = duality.conjugates(s.V, s.E, s.edge_functions(x), p, eps, s.coupled, edge_norm)
             return ((x - z) ** 2).sum() / 2 + SIGMA * phi
 
-        step = {"beta": 0.0, "sigma": SIGMA, **s.settings(p, eps, edge_norm)}
+        step = {"model": s.model(p, eps, edge_norm), "beta": 0.0, "sigma": SIGMA}
         x = oracle.dual_step(s.weighted, s.y, s.before.copy(), s.f, s.f, **step)
         z = s.y + SIGMA * oracle.difference(s.weighted, s.f)
         least = objective(x, z)
@@ -274,7 +275,7 @@ def test_duality_gap(oracle, setting, edge_norm):  # noqa: F811
             fs, lams = s.functions(f), s.column(lam)
             energy = paper.energy(s.V, s.E, s.gamma, fs, f0s, lams, p, eps, s.coupled, edge_norm)
             below = duality.dual_energy(s.V, s.E, s.gamma, ys, f0s, lams, p, eps, s.coupled, edge_norm)
-            gap = oracle.duality_gap(s.weighted, f, s.host(y), s.f0, lam, **s.settings(p, eps, edge_norm))
+            gap = oracle.duality_gap(s.weighted, f, s.host(y), s.f0, lam, s.model(p, eps, edge_norm))
             assert isinstance(gap, float)
             # 1: halving leaves 2^-64 of an interval no shorter than that
             scale = 1 + energy + abs(below) + np.abs(y).sum()
@@ -326,17 +327,17 @@ def test_the_gap_is_0_at_an_optimum(oracle, optimum, p):  # noqa: F811
     d = oracle.difference(weighted, f)
     length = np.abs(d) if edge_norm else oracle.gradient_norm(weighted, f, power=0.5, eps=0, coupled=True)
     y = (0.5 if edge_norm else 1) * d * (length if edge_norm else length[graph.edge_rows()]) ** (p - 2)
-    settings = {"p": p, "eps": 0.0, "coupled": True, "edge_norm": edge_norm}
-    energy = oracle.energy(weighted, f, f0, lam, **settings)
+    model = Smoothness(p, 0.0, edge=edge_norm)
+    energy = oracle.energy(weighted, f, f0, lam, model)
     assert energy > 1
     if optimum == "12-gon" and p == 1:
         assert np.linalg.norm(f[0]) == pytest.approx(2.5693819, abs=1e-7)
-    assert abs(oracle.duality_gap(weighted, f, y, f0, lam, **settings)) <= 1e-13 * energy
+    assert abs(oracle.duality_gap(weighted, f, y, f0, lam, model)) <= 1e-13 * energy
     assert_close(oracle.primal(weighted, y, f0, lam), f)
     for sigma in (0.01, 1.0, 30.0):
-        step = {"beta": BETA, "sigma": sigma, **settings}
+        step = {"model": model, "beta": BETA, "sigma": sigma}
         assert_close(oracle.dual_step(weighted, y, y.copy(), f, f, **step), y, scale=1 + sigma * np.abs(d).max())
     # and it is positive elsewhere, by lam/2 |f - f*|^2 at least: the certificate
     moved = f + 0.01 * (cases.rng(5).random(f.shape) - 0.5)
-    gap = oracle.duality_gap(weighted, moved, y, f0, lam, **settings)
+    gap = oracle.duality_gap(weighted, moved, y, f0, lam, model)
     assert gap >= lam / 2 * ((moved - f) ** 2).sum() * (1 - 1e-9) > 0

@@ -330,7 +330,7 @@ def test_blocks_of_vertices_do_not_show(monkeypatch, block):
     """Neighbours are listed some vertices at a time, to bound the memory; seams between blocks must not matter."""
     grid, half = cases.graph("masked"), cases.half_weights(cases.graph("masked"))
     expected = grid.to_graph(half)
-    monkeypatch.setattr("gpureg.graphs.csr.BLOCK_ENTRIES", block)
+    monkeypatch.setattr("gpureg.graphs.grid.BLOCK_ENTRIES", block)
     graph = grid.to_graph(half)
     for name in ("indptr", "indices", "weights"):
         assert_array_equal(getattr(graph, name), getattr(expected, name))

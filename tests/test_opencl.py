@@ -9,6 +9,7 @@ import pytest
 from cases import EPS, fidelity, function, graph, half_weights, weights
 
 from gpureg import backends
+from gpureg.backends import Smoothness
 from gpureg.graphs.grid import GridGraph
 
 ORACLE = backends.get("numpy", np.float64)
@@ -41,8 +42,8 @@ def test_every_pack_width_computes_the_same(width: int, kind: str, name: str) ->
             "gradient_norm": b.get(made, g),
             "p_laplacian": b.get(made, b.p_laplacian(weighted, F, g)),
             "jacobi_step": b.get(made, b.jacobi_step(weighted, F, F0, g, L)),
-            "energy": b.energy(weighted, F, F0, L, p=1, eps=EPS, coupled=True),
-            "max_change": b.max_change(weighted, F, F0),
+            "energy": b.energy(weighted, F, F0, L, Smoothness(1, EPS)),
+            "max_change": b.max_change(weighted.graph, F, F0),
             "patch_distance": b.get_weights(b.patch_distance(made, f, form)),
         }
 
@@ -79,7 +80,7 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     def swept(grid: GridGraph, half: np.ndarray | None, *functions: np.ndarray) -> np.ndarray:
         on, (F, F0, L) = backend.prepare(grid, half), (backend.put(grid, x) for x in functions)
         out = backend.put(grid, np.full(functions[0].shape, np.nan))
-        backend.sweep(on, F, F0, L, p=1.0, eps=EPS, coupled=True, theta=0.625, g=None, out=out)
+        backend.sweep(on, F, F0, L, Smoothness(1.0, EPS), theta=0.625, g=None, out=out)
         return backend.get(grid, out)
 
     whole = swept(grid, half, f, f0, lam)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from test_backends import assert_within, backend, forms, nan, oracle, rounded  # noqa: F401, a fixture
 
-from gpureg.backends import EdgeNorm
+from gpureg.backends import Smoothness
 from gpureg.graphs.edges import opposite_edges
 from gpureg.graphs.grid import GridGraph
 
@@ -89,8 +89,8 @@ class Dual:
     def nan(self):
         return nan(self.on, self.graph, self.setup.channels)
 
-    def settings(self, p, eps):
-        return {"p": p, "eps": eps, "coupled": self.setup.coupled, "edge_norm": self.edge_norm}
+    def model(self, p, eps):
+        return Smoothness(p, eps, self.setup.coupled, self.edge_norm)
 
     def inside(self, y):
         """Y, scaled where needed into a ball a little smaller than the unit ball."""
@@ -112,16 +112,16 @@ def test_vectors(dual):
     each = np.where(one.f > 0.5, np.inf, 0.25 + one.f**2)
     for over in (1.0, 0.75, float("inf"), one.lam, rounded(each)):
         device_over = one.put(over)
-        found = on.dot(one.weighted, x, y, over=device_over)
+        found = on.dot(one.weighted.graph, x, y, over=device_over)
         assert isinstance(found, float)
-        exact = oracle().dot(one.exact, one.f, one.f0, over=over)
+        exact = oracle().dot(one.exact.graph, one.f, one.f0, over=over)
         assert_within(found, exact, one.bounds.dot(one.f, one.f0, over), "dot")
-        assert found == on.dot(one.weighted, x, y, over=device_over)
-        exact = oracle().combine(one.exact, -0.75, one.f, 1.5, one.f0, over=over)
+        assert found == on.dot(one.weighted.graph, x, y, over=device_over)
+        exact = oracle().combine(one.exact.graph, -0.75, one.f, 1.5, one.f0, over=over)
         bound = one.bounds.combine(-0.75, one.f, 1.5, one.f0, over)
         first, second = one.put(one.f), one.put(one.f0)
         for out, a, b in ((one.nan(), x, y), (first, first, y), (second, x, second)):
-            assert on.combine(one.weighted, -0.75, a, 1.5, b, over=device_over, out=out) is out
+            assert on.combine(one.weighted.graph, -0.75, a, 1.5, b, over=device_over, out=out) is out
             assert_within(one.get(out), exact, bound, "combine")
 
 
@@ -132,9 +132,9 @@ def test_gradient(dual, classes):
     for p in sorted({max(p, 1.5) for p, _ in classes}):
         g, exact_g = None, None
         if one.edge_norm:
-            g = exact_g = EdgeNorm(p, eps, one.setup.coupled)
+            g = exact_g = Smoothness(p, eps, one.setup.coupled, edge=True)
         elif p != 2:
-            exact_g = rounded(oracle().conductances(one.exact, one.f, **one.settings(p, eps)))
+            exact_g = rounded(oracle().conductances(one.exact, one.f, one.model(p, eps)))
             g = one.put(exact_g)
         for lam in (0.75, one.lam):
             for start, exact_start in ((f0, one.f0), (None, None)):
@@ -155,7 +155,7 @@ def test_dual_step(dual, classes):
     one, on = dual, dual.on
     y, f, f_before = one.put_edges(one.y), one.put(one.f), one.put(one.f_before)
     for p, eps in classes:
-        step = {"beta": BETA, "sigma": SIGMA, **one.settings(p, eps)}
+        step = {"model": one.model(p, eps), "beta": BETA, "sigma": SIGMA}
         host = one.one.host(one.before)
         exact = oracle().dual_step(one.exact, one.one.host(one.y), host.copy(), one.f, one.f_before, **step)
         bound = one.bounds.dual_step(one.y, one.before, one.f, one.f_before, BETA, SIGMA, p)
@@ -198,13 +198,13 @@ def test_duality_gap(dual, classes):
         host = one.inside(one.y) if p == 1 else one.y
         y = one.put_edges(host)
         for lam in (0.75, one.lam):
-            gap = on.duality_gap(one.weighted, f, y, f0, one.put(lam), **one.settings(p, eps))
+            gap = on.duality_gap(one.weighted, f, y, f0, one.put(lam), one.model(p, eps))
             assert isinstance(gap, float)
-            exact = oracle().duality_gap(one.exact, one.f, one.one.host(host), one.f0, lam, **one.settings(p, eps))
+            exact = oracle().duality_gap(one.exact, one.f, one.one.host(host), one.f0, lam, one.model(p, eps))
             column = np.broadcast_to(lam, (len(one.f), 1))
             bound = one.bounds.duality_gap(one.f, host, one.opposite, one.f0, column, p, eps)
             assert_within(gap, exact, bound, f"duality_gap, p = {p}, eps = {eps}")
-            assert gap == on.duality_gap(one.weighted, f, y, f0, one.put(lam), **one.settings(p, eps))
+            assert gap == on.duality_gap(one.weighted, f, y, f0, one.put(lam), one.model(p, eps))
 
 
 @pytest.mark.parametrize("dtype", ["float32"])
@@ -218,11 +218,11 @@ def test_a_hundred_steps_close_the_gap(backend, name, dtype):  # noqa: F811
     f0 = backend.put(graph, cases.function(graph))
     f = f_before = f0
     y, before = backend.empty_edges(graph, 1), backend.empty_edges(graph, 1)
-    step = {"beta": 0.0, "sigma": sigma, "p": 1.0, "eps": 0.0, "coupled": True}
+    step = {"model": Smoothness(1.0, 0.0), "beta": 0.0, "sigma": sigma}
     gaps = []
     for k in range(101):
         if k % 50 == 0:
-            gaps.append(backend.duality_gap(weighted, f, y, f0, lam, p=1.0, eps=0.0, coupled=True))
+            gaps.append(backend.duality_gap(weighted, f, y, f0, lam, Smoothness(1.0, 0.0)))
         y, before = backend.dual_step(weighted, y, before, f, f_before, **step), y
         f = f_before = backend.primal(weighted, y, f0, lam)
     assert gaps[0] > gaps[1] > gaps[2] >= 0

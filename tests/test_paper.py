@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gpureg import backends
-from gpureg.backends import PatchForm
+from gpureg.backends import PatchForm, Smoothness
 from gpureg.graphs.csr import Graph
 from gpureg.graphs.grid import GridGraph
 
@@ -131,7 +131,7 @@ def test_p_laplacian_energy_and_step(oracle, name, channels, coupled, p):
     assert_close(oracle.p_laplacian(weighted, f, g), case.array(laplacian))
 
     energy = paper.energy(case.V, case.E, case.gamma, fs, f0s, lams, p, cases.EPS, coupled)
-    actual = oracle.energy(weighted, f, f0, lam, p=p, eps=cases.EPS, coupled=coupled)
+    actual = oracle.energy(weighted, f, f0, lam, Smoothness(p, cases.EPS, coupled))
     assert_close(actual, energy)
 
     for theta in (1.0, 0.625):
@@ -214,7 +214,7 @@ def test_both_norms_and_processes(oracle, form, channels, coupled, p):
     lam, tau = cases.fidelity(case.graph), 0.25 + cases.rng(3).random((case.graph.n_vertices, 1))
     fs, f0s = case.functions(f), case.functions(f0)
     (lams,), (taus,) = case.functions(lam), case.functions(tau)
-    eps, settings = cases.EPS, {"p": p, "eps": cases.EPS, "coupled": coupled}
+    eps = cases.EPS
 
     norms = paper.norms(case.V, E, gamma, fs, eps, coupled)
     on_edges = paper.edge_norms(E, gamma, fs, 0.0, coupled)
@@ -223,7 +223,8 @@ def test_both_norms_and_processes(oracle, form, channels, coupled, p):
     assert_close(actual, case.array(expected[:1] if coupled else expected))
 
     for edge in (False, True):
-        g = oracle.conductances(weighted, f, edge_norm=edge, **settings)
+        model = Smoothness(p, eps, coupled, edge)
+        g = oracle.conductances(weighted, f, model)
         if edge:
             slopes = [
                 {u: paper.edge_p_laplace(E, gamma, one, u, p, norm) for u in case.V}
@@ -236,7 +237,7 @@ def test_both_norms_and_processes(oracle, form, channels, coupled, p):
             ]
         assert_close(oracle.p_laplacian(weighted, f, g), case.array(slopes))
         energy = paper.energy(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, edge)
-        assert_close(oracle.energy(weighted, f, f0, lam, edge_norm=edge, **settings), energy)
+        assert_close(oracle.energy(weighted, f, f0, lam, model), energy)
         stepped = paper.jacobi_step(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, 0.625, edge)
         assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=0.625), case.array(stepped))
         stepped = paper.euler_step(case.V, E, gamma, fs, f0s, lams, taus, p, eps, coupled, edge)
@@ -254,7 +255,7 @@ def test_one_lam_for_all_vertices(oracle, name):
         expected = paper.jacobi_step(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
         assert_close(oracle.jacobi_step(weighted, f, f0, None, lam), case.array(expected))
         energy = paper.energy(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
-        assert_close(oracle.energy(weighted, f, f0, lam, p=2, eps=cases.EPS, coupled=True), energy)
+        assert_close(oracle.energy(weighted, f, f0, lam, Smoothness(2, cases.EPS)), energy)
 
 
 def test_a_vertex_that_nothing_reaches_keeps_its_data(oracle):
@@ -372,7 +373,7 @@ def test_gradient_of_the_energy_is_the_p_laplacian(oracle, name, coupled, p):
     def energy_at(index, step):
         moved = f.copy()
         moved[index] += step
-        return oracle.energy(weighted, moved, f0, lam, p=p, eps=eps, coupled=coupled)
+        return oracle.energy(weighted, moved, f0, lam, Smoothness(p, eps, coupled))
 
     numeric = np.empty_like(f)
     for index in np.ndindex(f.shape):
@@ -396,9 +397,9 @@ def test_a_sweep_never_raises_the_energy(oracle, name, coupled, lam, p):
     f = f0
     energies = []
     for _ in range(40):
-        energies.append(oracle.energy(weighted, f, f0, lam, p=p, eps=cases.EPS, coupled=coupled))
+        energies.append(oracle.energy(weighted, f, f0, lam, Smoothness(p, cases.EPS, coupled)))
         out = np.full_like(f, np.nan)
-        f = oracle.sweep(weighted, f, f0, lam, p=p, eps=cases.EPS, coupled=coupled, theta=1.0, g=None, out=out)
+        f = oracle.sweep(weighted, f, f0, lam, Smoothness(p, cases.EPS, coupled), theta=1.0, g=None, out=out)
     rises = np.diff(energies)
     assert rises.max() <= 1e-14 * energies[0]  # the rounding of a sum of a few dozen numbers
     assert energies[-1] < energies[0]
@@ -421,7 +422,7 @@ def minimise(oracle, graph, f0, lam, p, eps, sweeps):
     weighted = oracle.prepare(graph, None)
     f, out = f0.copy(), np.full_like(f0, np.nan)
     for _ in range(sweeps):
-        oracle.sweep(weighted, f, f0, lam, p=p, eps=eps, coupled=True, theta=1.0, g=None, out=out)
+        oracle.sweep(weighted, f, f0, lam, Smoothness(p, eps), theta=1.0, g=None, out=out)
         f, out = out, f
     return f
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gpureg import backends
+from gpureg.backends import Smoothness
 from gpureg.graphs.grid import GridGraph
 
 GRAPH = GridGraph((5, 7), metric="cityblock")
@@ -22,7 +23,7 @@ def test_a_conjugate_too_large_to_write_is_infinite(device, p, y, eps, edge_norm
     f = on.put(GRAPH, np.zeros((35, 1)))
     inside = on.get_edges(GRAPH, on.difference(weighted, on.put(GRAPH, np.arange(35.0)[:, None]))) != 0
     edges = on.put_edges(GRAPH, y * inside)
-    gap = on.duality_gap(weighted, f, edges, f, 1.0, p=p, eps=eps, coupled=True, edge_norm=edge_norm)
+    gap = on.duality_gap(weighted, f, edges, f, 1.0, Smoothness(p, eps, True, edge_norm))
     assert gap > 1e6
 
 
@@ -35,8 +36,8 @@ def test_the_unit_ball_holds_at_every_size(device, size, edge_norm):
     weighted = on.prepare(GRAPH, None)
     f = on.put(GRAPH, size * np.arange(35.0)[:, None])
     y, previous = on.empty_edges(GRAPH, 1), on.empty_edges(GRAPH, 1)
-    settings = {"beta": 0.0, "sigma": 1.0, "p": 1.0, "eps": 0.0, "coupled": True, "edge_norm": edge_norm}
-    found = on.get_edges(GRAPH, on.dual_step(weighted, y, previous, f, f, **settings))[..., 0]
+    model = Smoothness(1.0, 0.0, edge=edge_norm)
+    found = on.get_edges(GRAPH, on.dual_step(weighted, y, previous, f, f, model, beta=0.0, sigma=1.0))[..., 0]
     norms = np.abs(found) if edge_norm else np.sqrt((found.astype(float) ** 2).sum(axis=0))
     share = 0.5 if edge_norm else 1.0
     assert norms.max() <= share

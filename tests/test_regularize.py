@@ -367,7 +367,7 @@ BAD = [
     ({"gamma": np.full(GRID.n_edges, np.nan)}, ValueError, "gamma must be finite and >= 0, got nan"),
     ({"gamma": None}, TypeError, "gamma must be a name.*or one number per directed edge"),
     ({"gamma": np.ones(GRID.n_edges), "weights": np.ones(GRID.n_edges)}, ValueError, "in the place of the weights"),
-    ({"norm": "face"}, ValueError, "norm must be one of vertex, edge, got 'face'"),
+    ({"norm": "face"}, ValueError, 'norm must be "vertex" or "edge", got .face.'),
     ({"update_weights": 2}, ValueError, "update_weights needs a weight function.*got weights=None"),
     ({"update_weights": 0, "weights": gr.weights.patch(0, 1)}, ValueError, "update_weights must be >= 1, got 0"),
     ({"update_weights": 1.5}, TypeError, "update_weights must be an integer, got 1.5"),

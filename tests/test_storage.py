@@ -10,7 +10,7 @@ from test_backends import PatchCase, nan, oracle
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.backends import BackendUnavailable, EdgeNorm
+from gpureg.backends import BackendUnavailable, Smoothness
 
 # Masks, a spatial factor, channels, a wide window, one and three axes, float64.
 BILATERAL = (
@@ -47,7 +47,7 @@ def everything(backend, graph, weighted, channels, few=False):
     """
     f, f0 = (backend.put(graph, cases.function(graph, channels, seed=seed)) for seed in (11, 13))
     lam, g = backend.put(graph, cases.fidelity(graph)), nan(backend, graph, 1)
-    settings = {"p": 1.0, "eps": cases.EPS, "coupled": True, "theta": 0.625}
+    settings = {"model": Smoothness(1.0, cases.EPS), "theta": 0.625}
     if few:
         swept = backend.sweep(weighted, f, f0, lam, g=g, out=nan(backend, graph, channels), **settings)
         return {"sweep": backend.get(graph, swept).astype(np.float64)}
@@ -56,14 +56,14 @@ def everything(backend, graph, weighted, channels, few=False):
         "gradient_norm": backend.gradient_norm(weighted, f, power=-0.5, eps=cases.EPS, coupled=True, out=g),
         "p_laplacian": backend.p_laplacian(weighted, f, g, out=nan(backend, graph, channels)),
         "jacobi_step": backend.jacobi_step(weighted, f, f0, g, lam, out=nan(backend, graph, channels)),
-        "euler_step": backend.euler_step(weighted, f, f0, EdgeNorm(1.5, cases.EPS, True), lam, 0.125),
+        "euler_step": backend.euler_step(weighted, f, f0, Smoothness(1.5, cases.EPS, True, edge=True), lam, 0.125),
         "sweep": backend.sweep(
             weighted, f, f0, lam, g=nan(backend, graph, 1), out=nan(backend, graph, channels), **settings
         ),
     }
     hosts = {name: backend.get(graph, x).astype(np.float64) for name, x in found.items()}
     hosts["difference"] = backend.get_edges(graph, backend.difference(weighted, f)).astype(np.float64)
-    hosts["energy"] = np.array(backend.energy(weighted, f, f0, lam, p=1.0, eps=cases.EPS, coupled=True))
+    hosts["energy"] = np.array(backend.energy(weighted, f, f0, lam, Smoothness(1.0, cases.EPS)))
     return hosts
 
 

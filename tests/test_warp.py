@@ -14,7 +14,7 @@ import pytest
 from test_backends import PatchCase, assert_within, nan, oracle
 
 from gpureg import backends
-from gpureg.backends import EdgeNorm
+from gpureg.backends import Smoothness
 from gpureg.graphs.grid import GridGraph
 
 if "warp" in backends.absent():
@@ -44,7 +44,7 @@ def everything(backend, name, channels):
         backend.degree(weighted),
         backend.p_laplacian(weighted, f, g, out=out()),
         backend.jacobi_step(weighted, f, f0, g, lam, theta=0.625, out=out()),
-        backend.euler_step(weighted, f, f0, EdgeNorm(1.5, cases.EPS, True), lam, 0.125, out=out()),
+        backend.euler_step(weighted, f, f0, Smoothness(1.5, cases.EPS, True, edge=True), lam, 0.125, out=out()),
         backend.adjoint(weighted, backend.difference(weighted, f), out=out()),
     ]
     form = PatchCase(name, channels, radius=1, scale=0.5).form(graph)
@@ -55,8 +55,8 @@ def everything(backend, name, channels):
         hosts.append(backend.get(graph, backend.similarity_step(graph, host, form, f0, lam, out=out())))
     assert all(np.isfinite(x).all() for x in hosts)
     sums = [
-        backend.energy(weighted, f, f0, lam, p=1.5, eps=cases.EPS, coupled=True),
-        backend.max_change(weighted, f, f0),
+        backend.energy(weighted, f, f0, lam, Smoothness(1.5, cases.EPS)),
+        backend.max_change(weighted.graph, f, f0),
     ]
     return [x.tobytes() for x in hosts] + sums
 
@@ -136,7 +136,7 @@ def test_recorded_sweeps_are_the_sweeps_asked_for():
     g, out = backend.empty(grid, 1), backend.empty(grid, 1)
 
     def swept(to, start, data=f0, fidelity=lam, theta=1.0, p=1.0):
-        settings = {"p": p, "eps": cases.EPS, "coupled": True, "theta": theta}
+        settings = {"model": Smoothness(p, cases.EPS), "theta": theta}
         backend.sweep(weighted, start, data, fidelity, g=g, out=to, **settings)
         return backend.get(grid, to).tobytes()
 
@@ -159,7 +159,7 @@ def test_records_go_with_their_weights():
     backend, grid = backends.get("warp:cpu"), cases.graph("grid")
     weighted = backend.prepare(grid, cases.weights("grid"))
     f, g, out = (backend.put(grid, cases.function(grid)) for _ in range(3))
-    backend.sweep(weighted, f, f, 1.0, p=1.0, eps=cases.EPS, coupled=True, theta=1.0, g=g, out=out)
+    backend.sweep(weighted, f, f, 1.0, Smoothness(1.0, cases.EPS), theta=1.0, g=g, out=out)
     assert weighted in backend._sweeps
     gone = weakref.ref(weighted)
     del weighted
@@ -187,7 +187,7 @@ import os, sys
 import numpy as np
 from gpureg import backends
 from gpureg.backends.warp import pool as warp
-from gpureg.graph import GridGraph
+from gpureg.graphs.grid import GridGraph
 
 warp.LEAST_WORK, warp.cores = 16, lambda: 2
 backend, grid = backends.get("warp:cpu"), GridGraph((37, 53))

@@ -6,7 +6,7 @@ from .dispatch import absent, auto, devices, get, names, why_auto
 from .duality import BALL_ROUNDINGS
 from .patches import PatchForm, over_patches
 from .protocol import Backend
-from .types import Array, BackendUnavailable, Conductance, Device, EdgeNorm, Storage, Weighted
+from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
 
 __all__ = [
     "BALL_ROUNDINGS",
@@ -15,8 +15,8 @@ __all__ = [
     "BackendUnavailable",
     "Conductance",
     "Device",
-    "EdgeNorm",
     "PatchForm",
+    "Smoothness",
     "Storage",
     "Weighted",
     "absent",

@@ -11,8 +11,12 @@ with d* the adjoint of the difference and phi* the conjugate of phi; with the ed
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Literal
+from abc import abstractmethod
+from typing import Literal
+
+from ..graphs.grid import AnyGraph
+from .data import Data
+from .types import Array, Conductance, Smoothness, Weighted
 
 # An edge function of p = 1 stays inside the unit ball by so many roundings: what a norm may be off by on a device.
 BALL_ROUNDINGS = 32
@@ -29,24 +33,25 @@ def prox_case(p: float, eps: float) -> ProxCase:
     return "power" if eps == 0 else "newton"
 
 
-if TYPE_CHECKING:
-    from .types import Array, Conductance, Weighted
-
-
-class Duality(ABC):
+class Duality(Data):
     """What a certified or accelerated solver asks of a device besides the paper's primitives."""
 
+    # Vectors: they need no weights
+
     @abstractmethod
-    def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        """Sum over vertices and channels of a b / over; where `over`, a number or a function, is infinite: 0.
+    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
+        """Find the largest absolute difference; infinity if there is a NaN."""
+
+    @abstractmethod
+    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
+        """Sum a b / over over vertices and channels; where `over`, a number or a function, is infinite, 0.
 
         `over` has 1 channel or those of a and b. The sum is taken in float64, or compensated.
         """
 
-    @abstractmethod
     def combine(
         self,
-        weighted: Weighted,
+        graph: AnyGraph,
         a: float,
         x: Array,
         b: float,
@@ -55,13 +60,22 @@ class Duality(ABC):
         over: float | Array = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """A x + b y / over, without the second term where `over` is infinite; `out` may be x or y."""
-
-    def copy(self, weighted: Weighted, x: Array, *, out: Array) -> Array:
-        """X, written to `out`."""
-        return self.combine(weighted, 1.0, x, 0.0, x, out=out)
+        """Compute a x + b y / over, without the second term where `over` is infinite; `out` may be x or y."""
+        out = self._out(graph, self.channels(x), out)
+        self._combine(graph, a, x, b, y, over, out)
+        return out
 
     @abstractmethod
+    def _combine(
+        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+    ) -> None: ...
+
+    def copy(self, graph: AnyGraph, x: Array, *, out: Array) -> Array:
+        """Copy x to `out`."""
+        return self.combine(graph, 1.0, x, 0.0, x, out=out)
+
+    # Steps on a graph with weights
+
     def gradient(
         self,
         weighted: Weighted,
@@ -72,10 +86,20 @@ class Duality(ABC):
         *,
         out: Array | None = None,
     ) -> Array:
-        """The energy's gradient lam (f - f0) + p-Laplacian of f, given the conductances; 0 where lam is infinite.
+        """Compute the energy's gradient, given the conductances; 0 where lam is infinite.
 
-        None in the place of f0 stands for 0: then this is the matrix of eq. 25, applied to f.
+            lam (f - f0) + p-Laplacian of f
+
+        Without f0 that is 0: then this is the matrix of eq. 25, applied to f.
         """
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._gradient(weighted, f, f0, g, lam, out)
+        return out
+
+    @abstractmethod
+    def _gradient(
+        self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
+    ) -> None: ...
 
     @abstractmethod
     def dual_step(
@@ -85,36 +109,31 @@ class Duality(ABC):
         previous: Array,
         f: Array,
         f_previous: Array,
+        model: Smoothness,
         *,
         beta: float,
         sigma: float,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
     ) -> Array:
-        """A proximal step of the dual variable from y + beta (y - previous), which overwrites `previous`.
+        """Do a proximal step of the dual variable from y + beta (y - previous), which overwrites `previous`.
 
         With f* = f + beta (f - f_previous) and z = y + beta (y - previous) + sigma d_w f*: what minimises
         |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|) over x.
         """
 
-    @abstractmethod
     def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
-        """F0 - d*y / lam, the function that belongs to a dual variable; f0 where lam is infinite."""
+        """Compute the function that belongs to a dual variable; f0 where lam is infinite.
+
+        f0 - d*y / lam
+        """
+        out = self._out(weighted.graph, self.channels(f0), out)
+        self._primal(weighted, y, f0, lam, out)
+        return out
+
+    @abstractmethod
+    def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None: ...
 
     @abstractmethod
     def duality_gap(
-        self,
-        weighted: Weighted,
-        f: Array,
-        y: Array,
-        f0: Array,
-        lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
+        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
     ) -> float:
-        """Energy of f minus dual energy of y, p >= 1, as a sum of terms that are none below 0."""
+        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms that are none below 0."""

@@ -1,17 +1,13 @@
-"""The protocol: what a device must be able to do, and what it may do faster by overriding.
+"""The protocol of the primitives: what a device must be able to do, and what it may do faster by overriding.
 
-Functions on vertices are device arrays that only the backend reads; ``put`` and ``get`` carry them over the border as
-host arrays of shape (n, channels). How a device lays out functions and weights is its own affair. The equations of the
-primitives are in ``kernels/README.md``.
+Their equations are in ``kernels/README.md``; ``data.py`` brings functions and weights onto a device and back.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
@@ -19,7 +15,7 @@ from .duality import Duality
 from .patches import (
     PatchForm,
 )
-from .types import Array, Conductance, Device, EdgeNorm, Storage, Weighted
+from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
@@ -33,111 +29,12 @@ class Backend(Duality, Zones):
         float32 or float64.
     """
 
-    name: ClassVar[str]
-
-    # The forms in which the device holds weights: what saves memory here, whatever else is accepted.
-    storages: ClassVar[tuple[Storage, ...]] = ("full",)
-
-    # Whether `similarity_step` knows averaged weights, on grids of two axes.
-    averages: ClassVar[bool] = False
-
-    # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
-    # `similarity_step`; all else treats a vertex alike wherever it lies.
-    row_block: int = 1
-    column_block: int = 1
-
-    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
-        self.device = device
-        self.dtype = np.dtype(dtype)
-        self.real: Any = self.dtype.type  # makes a scalar of this type
-
-    def __repr__(self) -> str:
-        return f"{self.device.id} ({self.device.name}, {self.device.driver}), {self.dtype}"
-
-    # Data
-
-    @abstractmethod
-    def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
-        """A host function (n, channels) onto the device, rounded to the backend's dtype."""
-
-    @abstractmethod
-    def get(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """A device function as a host array (n, channels)."""
-
-    @abstractmethod
-    def empty(self, graph: AnyGraph, channels: int) -> Array:
-        """A device function to be written."""
-
-    @abstractmethod
-    def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
-        """The graph onto the device, with weights from the host.
-
-        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means the graph's own,
-        and 1 on every edge inside its mask where it has none. A device keeps its copy of a read-only array, such as the
-        graph's own weights, and takes it again.
-        """
-
-    @abstractmethod
-    def get_weights(self, weighted: Weighted) -> FloatArray | None:
-        """The weights as :meth:`prepare` takes them."""
-
-    @abstractmethod
-    def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
-        """The graph onto the device with gamma(u, v) in the place of weights, a host function on the edges."""
-
-    @abstractmethod
-    def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
-        """A host function on the directed edges onto the device.
-
-        It is (n_edges, channels) on a :class:`Graph`, (K, *shape, channels) on a :class:`GridGraph`, one plane per
-        offset with 0 where an edge leaves the grid or the mask.
-        """
-
-    @abstractmethod
-    def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """A device function on the directed edges, in the form of :meth:`put_edges`."""
-
-    @abstractmethod
-    def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
-        """A device function on the directed edges to be written."""
-
-    # Sizes: bytes that what is above takes on the device, told before it is there and without the device
-
-    @property
-    def largest_buffer(self) -> int:
-        """Bytes of the largest array the device holds."""
-        return self.device.memory
-
-    @abstractmethod
-    def topology_bytes(self, graph: AnyGraph) -> int:
-        """What the device keeps of the graph; nothing to speak of on a grid."""
-
-    @abstractmethod
-    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
-        """A function on the vertices."""
-
-    @abstractmethod
-    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
-        """Weights in full; with `directed` gamma(u, v), one value per directed edge."""
-
-    @abstractmethod
-    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`patch_distance` needs for a while, besides the weights."""
-
-    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`similarity_step` needs for a while; `guide` is the number of its channels."""
-        patches = self.patch_bytes(graph, channels if guide is None else guide, radius)
-        return (self.edge_bytes(graph), self.function_bytes(graph, channels), *patches)
-
-    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
-        """What a sweep needs for a while, besides the arrays that it is given."""
-        return 0
-
-    # Primitives: kernels/README.md is their contract
+    # Primitives: kernels/README.md is their contract. A public method allocates what is to be written, where the caller
+    # gives no `out`, and its counterpart with an underscore computes into it.
 
     @abstractmethod
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
-        """The graph with weights computed from patches of `f`, a host function (n, m).
+        """Compute weights from patches of `f`, a host function (n, m).
 
         On a grid weights may be stored in float16 ("half"), off by at most 2^-11 of their size, or by 2^-25 where they
         are below 2^-14. Those of patches of one cell may not be stored at all ("none"), but computed at each use.
@@ -148,32 +45,59 @@ class Backend(Duality, Zones):
             A storage that this backend, or this kind of graph, does not have.
         """
 
-    @abstractmethod
     def degree(self, weighted: Weighted) -> Array:
-        """Sum of the weights around each vertex, 1 channel; of gamma(u, v)^2, where that is given."""
+        """Sum the weights around each vertex, 1 channel; gamma(u, v)^2, where that is given."""
+        out = self.empty(weighted.graph, 1)
+        self._degree(weighted, out)
+        return out
 
     @abstractmethod
+    def _degree(self, weighted: Weighted, out: Array) -> None: ...
+
     def largest_weight(self, weighted: Weighted) -> Array:
-        """The largest weight around each vertex, 1 channel, 0 where there is none; of gamma(u, v)^2, where given."""
+        """Find the largest weight (or gamma^2, where given) around each vertex, 1 channel; 0 where there is none."""
+        out = self.empty(weighted.graph, 1)
+        self._largest_weight(weighted, out)
+        return out
 
     @abstractmethod
+    def _largest_weight(self, weighted: Weighted, out: Array) -> None: ...
+
     def aggregate(
         self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
     ) -> Array:
-        """Sums over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
+        """Sum over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
 
         `share` and `centre` have 1 channel; the weights are stored.
         """
+        expect_stored(weighted)
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._aggregate(weighted, f, share, centre, radius, out)
+        return out
 
     @abstractmethod
+    def _aggregate(
+        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array
+    ) -> None: ...
+
     def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
-        """The difference d_w f, a function on the directed edges."""
+        """Compute the difference d_w f, a function on the directed edges."""
+        out = self.empty_edges(weighted.graph, self.channels(f)) if out is None else out
+        self._difference(weighted, f, out)
+        return out
 
     @abstractmethod
+    def _difference(self, weighted: Weighted, f: Array, out: Array) -> None: ...
+
     def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
-        """The adjoint of the difference, of a function on the directed edges."""
+        """Compute the adjoint of the difference, of a function on the directed edges."""
+        out = self._out(weighted.graph, self.channels(H), out)
+        self._adjoint(weighted, H, out)
+        return out
 
     @abstractmethod
+    def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None: ...
+
     def gradient_norm(
         self,
         weighted: Weighted,
@@ -185,16 +109,39 @@ class Backend(Duality, Zones):
         edge_power: float | None = None,
         out: Array | None = None,
     ) -> Array:
-        """(|grad f|^2 + eps^2)^power: 1 channel if coupled, otherwise one per channel of f.
+        """Compute a power of the gradient norm: 1 channel if coupled, otherwise one per channel of f.
 
-        With an `edge_power`, (sum over the edges of (d^2 + eps^2)^edge_power)^power.
+            (|grad f|^2 + eps^2)^power
+
+        With an `edge_power` each edge by itself:
+
+            (sum over the edges of (d^2 + eps^2)^edge_power)^power
         """
+        out = self._out(weighted.graph, 1 if coupled else self.channels(f), out)
+        self._gradient_norm(weighted, f, power, eps, coupled, edge_power, out)
+        return out
 
     @abstractmethod
+    def _gradient_norm(
+        self,
+        weighted: Weighted,
+        f: Array,
+        power: float,
+        eps: float,
+        coupled: bool,
+        edge_power: float | None,
+        out: Array,
+    ) -> None: ...
+
     def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
-        """The p-Laplacian of f, given the conductances."""
+        """Compute the p-Laplacian of f, given the conductances."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._p_laplacian(weighted, f, g, out)
+        return out
 
     @abstractmethod
+    def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None: ...
+
     def jacobi_step(
         self,
         weighted: Weighted,
@@ -206,9 +153,16 @@ class Backend(Duality, Zones):
         theta: float = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """One sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+        """Do one sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._jacobi_step(weighted, f, f0, g, lam, theta, out)
+        return out
 
     @abstractmethod
+    def _jacobi_step(
+        self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
+    ) -> None: ...
+
     def euler_step(
         self,
         weighted: Weighted,
@@ -220,44 +174,39 @@ class Backend(Duality, Zones):
         *,
         out: Array | None = None,
     ) -> Array:
-        """One step of the explicit Euler process, given the conductances; `out` is not f."""
+        """Do one step of the explicit Euler process, given the conductances; `out` is not f."""
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._euler_step(weighted, f, f0, g, lam, tau, out)
+        return out
 
     @abstractmethod
-    def energy(
+    def _euler_step(
         self,
         weighted: Weighted,
         f: Array,
         f0: Array,
+        g: Conductance,
         lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-    ) -> float:
-        """The eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
+        tau: float | Array,
+        out: Array,
+    ) -> None: ...
 
     @abstractmethod
-    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
-        """Largest absolute difference; infinity if there is a NaN."""
+    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
+        """Compute the eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
 
     # Steps made of several primitives: a backend with a fused kernel overrides them
 
-    def conductances(
-        self,
-        weighted: Weighted,
-        f: Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-        g: Array | None = None,
-    ) -> Conductance:
-        """What the p-Laplacian and both processes take; `g` is scratch of as many channels as gradient norms."""
-        if edge_norm:
-            return EdgeNorm(p, eps, coupled)
-        return None if p == 2 else self.gradient_norm(weighted, f, power=(p - 2) / 2, eps=eps, coupled=coupled, out=g)
+    def conductances(self, weighted: Weighted, f: Array, model: Smoothness, *, g: Array | None = None) -> Conductance:
+        """Compute what the p-Laplacian and both processes take.
+
+        `g` is scratch memory of as many channels as gradient norms.
+        """
+        if model.edge:
+            return model
+        if model.p == 2:
+            return None
+        return self.gradient_norm(weighted, f, power=model.power, eps=model.eps, coupled=model.coupled, out=g)
 
     def sweep(
         self,
@@ -265,17 +214,17 @@ class Backend(Duality, Zones):
         f: Array,
         f0: Array,
         lam: float | Array,
+        model: Smoothness,
         *,
-        p: float,
-        eps: float,
-        coupled: bool,
         theta: float,
-        edge_norm: bool = False,
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Conductances, then one Jacobi step, from `f` to `out`; `g` is scratch as in :meth:`conductances`."""
-        found = self.conductances(weighted, f, p=p, eps=eps, coupled=coupled, edge_norm=edge_norm, g=g)
+        """Do a sweep from `f` to `out`: conductances, then one Jacobi step.
+
+        `g` is scratch memory as in :meth:`conductances`.
+        """
+        found = self.conductances(weighted, f, model, g=g)
         return self.jacobi_step(weighted, f, f0, found, lam, theta=theta, out=out)
 
     def similarity_step(
@@ -290,7 +239,7 @@ class Backend(Duality, Zones):
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
-        """One Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
+        """Do one Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
 
         With `largest` lam counts in units of the largest weight around each vertex.
 

@@ -59,30 +59,49 @@ class Device:
 
 
 @dataclass(frozen=True)
-class EdgeNorm:
-    """Conductances |d_w(f)(u, v)|_eps^(p - 2) of the edges themselves (eq. 30), in the place of a function g.
+class Smoothness:
+    """What the smoothness of the energy depends on besides the weights: the degree p, eps, and which norm.
+
+    With `edge` it also stands for the conductances of the edges themselves (eq. 30), which depend on the function at
+    both ends, where conductances on the vertices would be a function g:
+
+        |d_w(f)(u, v)|_eps^(p - 2)
 
     Attributes
     ----------
-    p, eps : float
-        Degree of regularity and smoothing.
+    p : float
+        Degree of regularity > 0.
+    eps : float
+        Smoothing of the gradient norm (eq. 15), >= 0.
     coupled : bool
-        One conductance for all channels, or one each.
+        One gradient norm for all channels, or one for each.
+    edge : bool
+        The smoothness of eq. 30 (each edge by itself) instead of eq. 20.
     """
 
     p: float
     eps: float
-    coupled: bool
+    coupled: bool = True
+    edge: bool = False
 
     @property
     def power(self) -> float:
-        """The power of the square that gives the conductance."""
+        """The power of the squared norm that gives the conductance."""
         return (self.p - 2) / 2
+
+    def norms(self, channels: int) -> int:
+        """Number of gradient norms per vertex."""
+        return 1 if self.coupled else channels
+
+    @property
+    def has_function(self) -> bool:
+        """Whether the conductances are a function on the vertices that has to be stored."""
+        return self.p != 2 and not self.edge
 
 
 Storage = Literal["full", "half", "none"]
-Conductance = Array | EdgeNorm | None
-"""g = |grad f|^(p - 2) on the vertices, or the edge norm, or None: p = 2."""
+Conductance = Array | Smoothness | None
+"""g = |grad f|^(p - 2) on the vertices, or a smoothness with the edge norm, or None: p = 2."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,7 +115,7 @@ class Job:
             arrays.append(stored // (backend.dtype.itemsize // 2) if storage == "half" else stored)
         if found is not None and storage != "none":
             arrays += backend.patch_bytes(graph, guide or self.channels, found[0].reach)
-        arrays.append(backend.sweep_bytes(graph, self.channels))
+        arrays.append(backend.sweep_bytes(graph, self.channels, self.norms))
         return Need.of(arrays)
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..backends import Array, Backend, Conductance, Weighted
+from ..backends import Array, Backend, Conductance, Smoothness, Weighted
 from ..weights import Weights
 from .bipartite import has_swinging_part
 from .problem import Gamma, Problem
@@ -89,18 +88,18 @@ class DeviceProblem:
 
     def scratch(self) -> Array | None:
         """A function for the conductances, where a sweep needs one."""
-        if self.p == 2 or self.edge_norm:
+        if not self.model.has_function:
             return None
-        return self.backend.empty(self.weighted.graph, 1 if self.coupled else self.channels)
+        return self.backend.empty(self.weighted.graph, self.model.norms(self.channels))
 
     @property
-    def model(self) -> dict[str, Any]:
-        """What a primitive is told of the model: p, eps, coupled, edge_norm."""
-        return {"p": self.p, "eps": self.eps, "coupled": self.coupled, "edge_norm": self.edge_norm}
+    def model(self) -> Smoothness:
+        """What a primitive is told of the smoothness: p, eps, coupled, edge."""
+        return self.problem.smoothness
 
     def conductances(self, f: Array, g: Array | None = None) -> Conductance:
         """The conductances at a device function; `g` is scratch."""
-        return self.backend.conductances(self.weighted, f, g=g, **self.model)
+        return self.backend.conductances(self.weighted, f, self.model, g=g)
 
     def put_function(self, f: FloatArray) -> Array:
         """A host function (n, m) in the problem's variable, on the device."""
@@ -114,7 +113,7 @@ class DeviceProblem:
     def change(self, a: Array, b: Array) -> float:
         """Largest absolute difference of two device functions as the caller's f; infinity if there is a NaN."""
         if self.scale is None:
-            return self.backend.max_change(self.weighted, a, b)
+            return self.backend.max_change(self.weighted.graph, a, b)
         # The device holds s f. Read back at a check only, and only for these gammas.
         difference = self.get_function(a).astype(np.float64) - self.get_function(b)
         largest = float(np.abs(difference).max())
@@ -122,11 +121,11 @@ class DeviceProblem:
 
     def energy(self, f: Array) -> float:
         """The eps-smoothed energy of a device function."""
-        return self.backend.energy(self.weighted, f, self.f0, self.lam, **self.model)
+        return self.backend.energy(self.weighted, f, self.f0, self.lam, self.model)
 
     def duality_gap(self, f: Array, y: Array) -> float:
         """The energy of a device function minus the dual energy of one on the edges, as the device computes it."""
-        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, **self.model)
+        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, self.model)
 
 
 def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:

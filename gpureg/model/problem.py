@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, all_finite, unmasked
+from ..backends import Smoothness
 from ..checks import choice, flag, number
 from ..graphs.csr import Graph
 from ..graphs.edges import check_weights, opposite_edges
@@ -182,6 +183,11 @@ class Problem:
             coupled,
             _check_eps(eps, p, _inside(graph, data), dtype, smoothed),
         )
+
+    @property
+    def smoothness(self) -> Smoothness:
+        """What the backends are told of the model besides the weights."""
+        return Smoothness(self.p, self.eps, self.coupled, self.norm == "edge")
 
     @property
     def data_range(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy.typing as npt
@@ -59,6 +60,4 @@ def energy(
     # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.
     on, function = put_function(f, graph, p, eps or 1.0, coupled, settings, lam=lam, f0=f0)
     put = on.put_function(function)
-    return on.backend.energy(
-        on.weighted, put, on.f0, on.lam, p=on.p, eps=float(eps), coupled=coupled, edge_norm=on.edge_norm
-    )
+    return on.backend.energy(on.weighted, put, on.f0, on.lam, replace(on.model, eps=float(eps)))

@@ -54,17 +54,17 @@ class History:
         if len(self.columns) == MEMORY:
             free, kept = self.columns[0], self.younger(1)
         residual, copy = (backend.empty(weighted.graph, m) if x is None else x for x in free)
-        backend.combine(weighted, 1.0, image, -1.0, f, out=residual)
-        backend.copy(weighted, image, out=copy)
+        backend.combine(weighted.graph, 1.0, image, -1.0, f, out=residual)
+        backend.copy(weighted.graph, image, out=copy)
         if kept.last is None:
             return replace(kept, last=(residual, copy))
         for now, before in zip((residual, copy), kept.last, strict=True):
-            backend.combine(weighted, 1.0, now, -1.0, before, out=before)
+            backend.combine(weighted.graph, 1.0, now, -1.0, before, out=before)
         columns = (*kept.columns, kept.last)
-        row = np.array([backend.dot(weighted, kept.last[0], other) for other, _ in columns])
+        row = np.array([backend.dot(weighted.graph, kept.last[0], other) for other, _ in columns])
         gram = np.block([[kept.gram, row[:-1, None]], [row[None]]])
         # the residual has moved by the new column
-        products = np.append(kept.products + row[:-1], backend.dot(weighted, kept.last[0], residual))
+        products = np.append(kept.products + row[:-1], backend.dot(weighted.graph, kept.last[0], residual))
         return History((residual, copy), columns, gram, products)
 
     def younger(self, oldest: int) -> History:
@@ -81,7 +81,7 @@ class History:
         assert self.last is not None
         mixed = self.last[1]
         for c, (_, column) in zip(coefficients(self.gram, self.products), self.columns, strict=True):
-            mixed = problem.backend.combine(problem.weighted, 1.0, mixed, -float(c), column, out=out)
+            mixed = problem.backend.combine(problem.weighted.graph, 1.0, mixed, -float(c), column, out=out)
 
 
 @dataclass(frozen=True)

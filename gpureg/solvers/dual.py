@@ -47,9 +47,9 @@ class Dual(Method):
         f, previous = backend.empty(weighted.graph, m), backend.empty(weighted.graph, m)
         sigma = step_size(problem)
         backend.primal(weighted, y, problem.f0, problem.lam, out=f)
-        if backend.max_change(weighted, initial, problem.f0) > 0:
+        if backend.max_change(weighted.graph, initial, problem.f0) > 0:
             y, y_previous, f = _from_slopes(problem, initial, y, y_previous, f, sigma)
-        backend.copy(weighted, f, out=previous)
+        backend.copy(weighted.graph, f, out=previous)
         return _State(f, previous, y, y_previous, problem.p, sigma)
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
@@ -58,7 +58,7 @@ class Dual(Method):
             return self.start(problem, state.f)
         backend, weighted = problem.backend, problem.weighted
         backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
-        backend.copy(weighted, state.f, out=state.previous)
+        backend.copy(weighted.graph, state.f, out=state.previous)
         # with beta = 0 in the first step, y_previous does not count
         return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem))
 
@@ -72,9 +72,9 @@ class Dual(Method):
             state.y_previous,
             state.f,
             state.previous,
+            problem.model,
             beta=(state.t - 1) / t,
             sigma=state.sigma,
-            **problem.model,
         )
         backend.primal(weighted, state.y_previous, problem.f0, problem.lam, out=state.previous)
         return replace(state, f=state.previous, previous=state.f, y=state.y_previous, y_previous=state.y, t=t)
@@ -142,7 +142,7 @@ def _from_slopes(
     backend, weighted = problem.backend, problem.weighted
     without = problem.duality_gap(f, y)
     # Far out a proximal step lands on the slope itself; 100 steps are far, and leave digits.
-    backend.dual_step(weighted, y, other, initial, initial, beta=0.0, sigma=100 * sigma, **problem.model)
+    backend.dual_step(weighted, y, other, initial, initial, problem.model, beta=0.0, sigma=100 * sigma)
     y, other = other, y
     backend.primal(weighted, y, problem.f0, problem.lam, out=f)
     if problem.duality_gap(f, y) < without:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..backends import Array
+from ..backends import Array, Smoothness
 from ..checks import integer, number
 from ..model.on_device import DeviceProblem
 from .stopping import LOCAL, Process, Slope, Travel
@@ -157,7 +157,7 @@ def _expect_stable(problem: DeviceProblem, step: float, bound: float, lam: Float
     graph, n = weighted.graph, weighted.graph.n_vertices
     free = np.isfinite(lam)
     scale = np.ones(n) if problem.scale is None else problem.scale[:, 0]
-    g = problem.backend.conductances(weighted, None, p=2, eps=0, coupled=True, edge_norm=problem.edge_norm)
+    g = problem.backend.conductances(weighted, None, Smoothness(2, 0, edge=problem.edge_norm))
 
     def apply(x: FloatArray) -> FloatArray:
         inside = np.where(free, x.ravel(), 0)

@@ -167,10 +167,10 @@ class Jacobi(Process):
             state.f,
             problem.f0,
             problem.lam,
+            problem.model,
             theta=theta,
             g=state.g,
             out=state.previous,
-            **problem.model,
         )
 
     def describe(self, state: _State) -> str:

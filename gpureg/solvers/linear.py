@@ -100,11 +100,11 @@ class _System:
         """The right-hand side lam f0 minus A f."""
         backend, weighted = problem.backend, problem.weighted
         backend.gradient(weighted, f, problem.f0, None, self.lam, out=out)
-        return backend.combine(weighted, -1.0, out, 0.0, out, out=out)
+        return backend.combine(weighted.graph, -1.0, out, 0.0, out, out=out)
 
     def gap(self, problem: DeviceProblem, residual: Array) -> float:
         """What the residual says of the energy, in the problem's own units."""
-        return self.share * problem.backend.dot(problem.weighted, residual, residual, over=self.lam) / 2
+        return self.share * problem.backend.dot(problem.weighted.graph, residual, residual, over=self.lam) / 2
 
 
 @dataclass(frozen=True)
@@ -118,21 +118,21 @@ class Linear(Method):
         """State before the first step."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
         f, previous, residual, direction, scratch = (backend.empty(graph, m) for _ in range(5))
-        backend.copy(problem.weighted, initial, out=f)
+        backend.copy(problem.weighted.graph, initial, out=f)
         return _begun(problem, _State(f, previous, _System.of(problem), residual, direction, scratch, 0.0))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One step of conjugate gradients."""
         backend, weighted, system = problem.backend, problem.weighted, state.system
         z, over = system.preconditioner.solve(problem, state.residual)
-        rz = backend.dot(weighted, state.residual, z, over=over)
+        rz = backend.dot(weighted.graph, state.residual, z, over=over)
         beta = rz / state.rz if state.rz > 0 else 0.0
-        backend.combine(weighted, beta, state.direction, 1.0, z, over=over, out=state.direction)
+        backend.combine(weighted.graph, beta, state.direction, 1.0, z, over=over, out=state.direction)
         backend.gradient(weighted, state.direction, None, None, system.lam, out=state.scratch)
-        curvature = backend.dot(weighted, state.direction, state.scratch)
+        curvature = backend.dot(weighted.graph, state.direction, state.scratch)
         alpha = rz / curvature if curvature > 0 else 0.0
-        backend.combine(weighted, 1.0, state.f, alpha, state.direction, out=state.previous)
-        backend.combine(weighted, 1.0, state.residual, -alpha, state.scratch, out=state.residual)
+        backend.combine(weighted.graph, 1.0, state.f, alpha, state.direction, out=state.previous)
+        backend.combine(weighted.graph, 1.0, state.residual, -alpha, state.scratch, out=state.residual)
         return replace(state, f=state.previous, previous=state.f, rz=rz)
 
     def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
@@ -155,7 +155,7 @@ class Linear(Method):
 def _begun(problem: DeviceProblem, state: _State) -> _State:
     """The recursion from the true residual of f."""
     state.system.residual(problem, state.f, state.residual)
-    problem.backend.combine(problem.weighted, 0.0, state.residual, 0.0, state.residual, out=state.direction)
+    problem.backend.combine(problem.weighted.graph, 0.0, state.residual, 0.0, state.residual, out=state.direction)
     return replace(state, rz=0.0)
 
 

@@ -50,10 +50,10 @@ class Slope:
         """
         backend, weighted = problem.backend, problem.weighted
         found = backend.gradient(weighted, f, problem.f0, problem.conductances(f, g), problem.lam, out=self.buffer)
-        now = math.sqrt(backend.dot(weighted, found, found, over=self.units))
+        now = math.sqrt(backend.dot(weighted.graph, found, found, over=self.units))
         gap = None
         if problem.p >= 1 and np.min(problem.problem.lam) > 0:
-            gap = backend.dot(weighted, found, found, over=problem.lam) / 2
+            gap = backend.dot(weighted.graph, found, found, over=problem.lam) / 2
         return replace(self, first=now if self.first is None else self.first, now=now), gap
 
 
@@ -78,7 +78,7 @@ class Travel:
 
 
 def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
-    return problem.backend.copy(problem.weighted, f, out=out)
+    return problem.backend.copy(problem.weighted.graph, f, out=out)
 
 
 class Process(Solver):

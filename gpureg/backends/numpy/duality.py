@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ..duality import BALL_ROUNDINGS
-from ..types import Array, Conductance, Weighted
+from ..types import Array, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
 
 # Newton steps at most; they stop by themselves once nothing moves.
@@ -101,37 +101,26 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
 class NumpyDuality(NumpyGraph):
     """The primitives of the certified solvers in numpy."""
 
-    def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
+    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
+        change = float(np.abs(a - b).max(initial=0))
+        return change if np.isfinite(change) else float("inf")
+
+    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
         products = a.astype(np.float64) * b
         return float((products / np.asarray(over, np.float64)).sum())
 
-    def combine(
-        self,
-        weighted: Weighted,
-        a: float,
-        x: Array,
-        b: float,
-        y: Array,
-        *,
-        over: float | Array = 1.0,
-        out: Array | None = None,
-    ) -> Array:
-        return self._into(out, self.real(a) * x + self.real(b) * (y / np.asarray(over, self.dtype)))
+    def _combine(
+        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+    ) -> None:
+        out[...] = self.real(a) * x + self.real(b) * (y / np.asarray(over, self.dtype))
 
-    def gradient(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array | None,
-        g: Conductance,
-        lam: float | Array,
-        *,
-        out: Array | None = None,
-    ) -> Array:
+    def _gradient(
+        self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
+    ) -> None:
         lam = self._column(lam, len(f))
         pinned = np.isinf(lam)
         pull = np.where(pinned, 0, lam) * (f if f0 is None else f - f0)
-        return self._into(out, np.where(pinned, 0, pull - self._flow(weighted, f, g)))
+        out[...] = np.where(pinned, 0, pull - self._flow(weighted, f, g))
 
     def _around(self, graph: AnyGraph, H: FloatArray) -> FloatArray:
         """Sums of a function on the edges over those that start at a vertex, (n, channels)."""
@@ -153,18 +142,16 @@ class NumpyDuality(NumpyGraph):
         previous: Array,
         f: Array,
         f_previous: Array,
+        model: Smoothness,
         *,
         beta: float,
         sigma: float,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
     ) -> Array:
         graph, beta = weighted.graph, self.real(beta)
+        p, eps, edge_norm = model.p, model.eps, model.edge
         moved = f + beta * (f - f_previous)
         z = y + beta * (y - previous) + self.real(sigma) * self.difference(weighted, moved)
-        square = (z**2).sum(axis=-1, keepdims=True) if coupled else z**2
+        square = (z**2).sum(axis=-1, keepdims=True) if model.coupled else z**2
         r = np.sqrt(square if edge_norm else self._around(graph, square))
         share = 0.5 if edge_norm else 1.0
         s = step_length(r, sigma, share, p, eps)
@@ -172,10 +159,11 @@ class NumpyDuality(NumpyGraph):
             # inside the unit ball in spite of the roundings of a norm: the certificate needs that
             s = np.minimum(s, share * (1 - BALL_ROUNDINGS * np.finfo(self.dtype).eps))
         factor = np.where(r > 0, s / np.where(r > 0, r, 1), 0).astype(self.dtype)
-        return self._into(previous, z * (factor if edge_norm else self._at_edges(graph, factor)))
+        previous[...] = z * (factor if edge_norm else self._at_edges(graph, factor))
+        return previous
 
-    def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
-        return self._into(out, f0 - self.adjoint(weighted, y) / self._column(lam, len(f0)))
+    def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
+        out[...] = f0 - self.adjoint(weighted, y) / self._column(lam, len(f0))
 
     def duality_gap(
         self,
@@ -184,12 +172,9 @@ class NumpyDuality(NumpyGraph):
         y: Array,
         f0: Array,
         lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
+        model: Smoothness,
     ) -> float:
+        p, eps, coupled, edge_norm = model.p, model.eps, model.coupled, model.edge
         graph, share = weighted.graph, 0.5 if edge_norm else 1.0
         d = self.difference(weighted, f)
 

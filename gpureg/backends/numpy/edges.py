@@ -17,7 +17,7 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import AnyGraph, GridGraph
 from ..protocol import Backend
-from ..types import Array, Conductance, EdgeNorm, Weighted, host_weights
+from ..types import Array, Conductance, Smoothness, Weighted, host_weights
 
 # Stored edges treated at a time.
 _BLOCK = 1 << 18
@@ -88,7 +88,7 @@ Terms = Callable[[Any, Any, Edges], tuple[FloatArray, ...]]
 
 def conductance_of(g: Conductance, u: Any, v: Any, edges: Edges) -> Any:
     """The conductance of edges whose ends have the functions `u` and `v`: f, then g where there is one."""
-    if isinstance(g, EdgeNorm):
+    if isinstance(g, Smoothness):
         square = edges.squared(edges.difference(u[0], v[0]))
         if g.coupled:
             square = square.sum(axis=-1, keepdims=True)
@@ -100,6 +100,9 @@ class NumpyGraph(Backend):
     """Graphs and functions in numpy arrays, and sums over neighbours."""
 
     name = "numpy"
+
+    def channels(self, x: Array) -> int:
+        return int(x.shape[-1])
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         return np.array(f, self.dtype)
@@ -141,7 +144,7 @@ class NumpyGraph(Backend):
             return graph.n_vertices * graph.half_window * (2 if directed else 1) * self.dtype.itemsize
         return graph.n_edges * self.dtype.itemsize
 
-    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
+    def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
         # sums, terms and what they are made of, over the vertices or over a block of edges
         rows = graph.n_vertices if isinstance(graph, GridGraph) else graph.n_vertices + 2 * _BLOCK
         return (6 * channels + 8) * rows * self.dtype.itemsize
@@ -212,13 +215,6 @@ class NumpyGraph(Backend):
             yield slice(begin, end), slice(int(indptr[begin]), int(indptr[end]))
             begin = end
 
-    @staticmethod
-    def _into(out: Array | None, value: FloatArray) -> Array:
-        if out is None:
-            return value
-        out[...] = value
-        return out
-
     def _column(self, number: float | Array, n: int) -> FloatArray:
         """A number or a function as one value per vertex, (n, 1)."""
         return np.broadcast_to(np.asarray(number, self.dtype).reshape(-1, 1), (n, 1))
@@ -245,5 +241,5 @@ class NumpyGraph(Backend):
         def terms(u: Any, v: Any, edges: Edges) -> tuple[FloatArray]:
             return (conductance_of(g, u, v, edges) * edges.flow(edges.difference(u[0], v[0])),)
 
-        functions = (f,) if g is None or isinstance(g, EdgeNorm) else (f, g)
+        functions = (f,) if g is None or isinstance(g, Smoothness) else (f, g)
         return self._gather(weighted, (f.shape[1],), terms, functions)[0]

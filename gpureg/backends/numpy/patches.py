@@ -78,9 +78,7 @@ class NumpyPatches(NumpyGraph):
         similarity: FloatArray = spatial * np.where(near < form.cut, 0, near)
         return similarity.astype(self.dtype, copy=False)
 
-    def aggregate(
-        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
-    ) -> Array:
+    def _aggregate(self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array) -> None:
         grid = expect_stored(weighted)
 
         values, shares = f.reshape(*grid.shape, -1), share.reshape(grid.shape)
@@ -92,4 +90,4 @@ class NumpyPatches(NumpyGraph):
                 given = np.zeros(grid.shape, self.dtype)
                 given[here] = w * shares[here]
                 total[here] += over_patches(given, radius)[here][..., None] * values[there]
-        return self._into(out, total.reshape(f.shape))
+        out[...] = total.reshape(f.shape)

@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph
 from ..protocol import Backend
-from ..types import Array, Conductance, Device, EdgeNorm, Weighted
+from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .duality import NumpyDuality
 from .edges import Edges, conductance_of, raised
 from .patches import NumpyPatches
@@ -38,91 +38,80 @@ def devices() -> list[Device]:
 class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
     """The primitives in numpy."""
 
-    def degree(self, weighted: Weighted) -> Array:
+    def _degree(self, weighted: Weighted, out: Array) -> None:
         one = np.ones((weighted.graph.n_vertices, 1), self.dtype)
-        return self._gather(weighted, (1,), lambda u, v, edges: (edges.hold * v[0],), (one,))[0]
+        out[...] = self._gather(weighted, (1,), lambda u, v, edges: (edges.hold * v[0],), (one,))[0]
 
-    def largest_weight(self, weighted: Weighted) -> Array:
-        graph, largest = weighted.graph, np.zeros((weighted.graph.n_vertices, 1), self.dtype)
+    def _largest_weight(self, weighted: Weighted, out: Array) -> None:
+        graph = weighted.graph
+        out[...] = 0
         if isinstance(graph, GridGraph):
-            on_grid = largest.reshape(*graph.shape, 1)
+            on_grid = out.reshape(*graph.shape, 1)
             for h, step in enumerate(graph.forward_offsets):
                 for at, edges in zip(graph.ends(step), self._along(weighted, h), strict=True):
                     on_grid[at] = np.maximum(on_grid[at], edges.hold)
-            return largest
+            return
         opposite = opposite_edges(graph.indptr, graph.indices) if weighted.directed else None
         edges = self._of_rows(weighted, slice(0, graph.n_edges), opposite)
-        np.maximum.at(largest, graph.edge_rows(), np.broadcast_to(edges.hold, (graph.n_edges, 1)))
-        return largest
+        np.maximum.at(out, graph.edge_rows(), np.broadcast_to(edges.hold, (graph.n_edges, 1)))
 
-    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
+    def _difference(self, weighted: Weighted, f: Array, out: Array) -> None:
         graph = weighted.graph
-        result = self.empty_edges(graph, f.shape[1])
         if isinstance(graph, GridGraph):
             H, on_grid = graph.half_window, f.reshape(*graph.shape, -1)
+            out[...] = 0
             for h, step in enumerate(graph.forward_offsets):
                 start, end = graph.ends(step)
                 there, back = self._along(weighted, h)
-                result[H + h][start] = there.derived(there.difference(on_grid[start], on_grid[end]))
-                result[H - 1 - h][end] = back.derived(back.difference(on_grid[end], on_grid[start]))
-            return self._into(out, result)
+                out[H + h][start] = there.derived(there.difference(on_grid[start], on_grid[end]))
+                out[H - 1 - h][end] = back.derived(back.difference(on_grid[end], on_grid[start]))
+            return
         opposite = opposite_edges(graph.indptr, graph.indices) if weighted.directed else None
         edges = self._of_rows(weighted, slice(0, graph.n_edges), opposite)
-        result[...] = edges.derived(edges.difference(f[graph.edge_rows()], f[graph.indices]))
-        return self._into(out, result)
+        out[...] = edges.derived(edges.difference(f[graph.edge_rows()], f[graph.indices]))
 
-    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
+    def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None:
         graph = weighted.graph
-        total = np.zeros((graph.n_vertices, H.shape[-1]), self.dtype)
+        out[...] = 0
         if isinstance(graph, GridGraph):
-            half, on_grid = graph.half_window, total.reshape(*graph.shape, -1)
+            half, on_grid = graph.half_window, out.reshape(*graph.shape, -1)
             for h, step in enumerate(graph.forward_offsets):
                 start, end = graph.ends(step)
                 there, back = self._along(weighted, h)
                 outward = H[half - 1 - h][end] - H[half + h][start]  # H(v, u) - H(u, v), u at the start
                 on_grid[start] += there.gamma * outward
                 on_grid[end] -= back.gamma * outward
-            return self._into(out, total)
+            return
         opposite = opposite_edges(graph.indptr, graph.indices)
         edges = self._of_rows(weighted, slice(0, graph.n_edges), opposite)
-        np.add.at(total, graph.edge_rows(), edges.gamma * (H[opposite] - H))
-        return self._into(out, total)
+        np.add.at(out, graph.edge_rows(), edges.gamma * (H[opposite] - H))
 
-    def gradient_norm(
+    def _gradient_norm(
         self,
         weighted: Weighted,
         f: Array,
-        *,
         power: float,
         eps: float,
         coupled: bool,
-        edge_power: float | None = None,
-        out: Array | None = None,
-    ) -> Array:
+        edge_power: float | None,
+        out: Array,
+    ) -> None:
         square = self._squared_gradient(weighted, f, coupled, self.real(eps) ** 2, edge_power)
-        return self._into(out, raised(square, power))
+        out[...] = raised(square, power)
 
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
-        return self._into(out, 0 - self._flow(weighted, f, g))
+    def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None:
+        out[...] = 0 - self._flow(weighted, f, g)
 
-    def jacobi_step(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        g: Conductance,
-        lam: float | Array,
-        *,
-        theta: float = 1.0,
-        out: Array | None = None,
-    ) -> Array:
+    def _jacobi_step(
+        self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
+    ) -> None:
         def terms(u: Any, v: Any, edges: Edges) -> tuple[FloatArray, FloatArray]:
             conductance = conductance_of(g, u, v, edges)
             return edges.hold * conductance, edges.pull * conductance * v[0]
 
-        functions = (f,) if g is None or isinstance(g, EdgeNorm) else (f, g)
-        if isinstance(g, EdgeNorm):
-            norms = 1 if g.coupled else f.shape[1]
+        functions = (f,) if g is None or isinstance(g, Smoothness) else (f, g)
+        if isinstance(g, Smoothness):
+            norms = g.norms(f.shape[1])
         else:
             norms = 1 if g is None else g.shape[1]
         total, sums = self._gather(weighted, (norms, f.shape[1]), terms, functions)
@@ -133,9 +122,9 @@ class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
         moved = (np.where(pinned, 0, lam) * f0 + sums) / np.where(keeps_data, 1, denominator)
         if theta != 1:
             moved = f + self.real(theta) * (moved - f)
-        return self._into(out, np.where(keeps_data, f0, moved))
+        out[...] = np.where(keeps_data, f0, moved)
 
-    def euler_step(
+    def _euler_step(
         self,
         weighted: Weighted,
         f: Array,
@@ -143,27 +132,16 @@ class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
         g: Conductance,
         lam: float | Array,
         tau: float | Array,
-        *,
-        out: Array | None = None,
-    ) -> Array:
+        out: Array,
+    ) -> None:
         lam = self._column(lam, len(f))
         pinned = np.isinf(lam)
         push = np.where(pinned, 0, lam) * (f0 - f) + self._flow(weighted, f, g)
-        return self._into(out, np.where(pinned, f0, f + self._column(tau, len(f)) * push))
+        out[...] = np.where(pinned, f0, f + self._column(tau, len(f)) * push)
 
-    def energy(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-    ) -> float:
-        if edge_norm:
+    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
+        p, eps, coupled = model.p, model.eps, model.coupled
+        if model.edge:
             sums = self._squared_gradient(weighted, f, coupled, self.real(eps) ** 2, p / 2)
             smoothness = sums.astype(np.float64).sum() / (2 * p)
         else:
@@ -172,10 +150,6 @@ class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
         lam = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), (len(f), 1))
         fidelity = (np.where(np.isinf(lam), 0, lam) * (f - f0).astype(np.float64) ** 2).sum() / 2
         return float(smoothness + fidelity)
-
-    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
-        change = float(np.abs(a - b).max(initial=0))
-        return change if np.isfinite(change) else float("inf")
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

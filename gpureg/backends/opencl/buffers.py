@@ -155,6 +155,9 @@ class OpenCLBuffers(Backend):
         group = _GPU_GROUP if self.device.kind == "gpu" else large
         return min(group, int(self.device.handle.max_work_group_size))
 
+    def channels(self, x: Array) -> int:
+        return int(x.channels)
+
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         host = self._topology(graph).pack(np.asarray(f, self.dtype))
         return Function(self.upload(host), f.shape[1])

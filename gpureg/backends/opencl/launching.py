@@ -15,7 +15,7 @@ import pyopencl as cl
 from ... import kernels
 from ...graphs.grid import GridGraph
 from ..patches import PatchForm
-from ..types import Array, Conductance, EdgeNorm, Weighted
+from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
 from .layout import GridLayout, round_up
 from .strips import Strips
@@ -106,9 +106,9 @@ class OpenCLLaunches(OpenCLBuffers):
 
     def _g(self, g: Conductance, channels: int) -> tuple[list[Any], tuple[str, ...]]:
         """The arguments CONDUCTANCE_ARGS."""
-        if isinstance(g, EdgeNorm):
-            norms = 1 if g.coupled else channels
-            return [self._nothing, self.real(g.power), self.real(g.eps) ** 2], ("-DEDGE_NORM", f"-DG={norms}")
+        if isinstance(g, Smoothness):
+            options = ("-DEDGE_NORM", f"-DG={g.norms(channels)}")
+            return [self._nothing, self.real(g.power), self.real(g.eps) ** 2], options
         if g is None:
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")

@@ -155,14 +155,10 @@ class OpenCLPatches(OpenCLLaunches):
                 self._launch_strips("similarity_step", (*options, *lam_options, "-DSLOTS"), finish, size, strips)
         return out
 
-    def aggregate(
-        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
-    ) -> Array:
+    def _aggregate(self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array) -> None:
         grid = expect_stored(weighted)
-        out = self.empty(grid, f.channels) if out is None else out
         lines = patch_lines(grid, radius)
         if weighted.weights is None:
             weighted = self.prepare(grid, grid.unit_half_weights())
         args = [np.int32(len(lines)), self.upload(lines), f.buffer, share.buffer, centre.buffer, out.buffer]
         self._run("aggregate", weighted, args, (f"-DM={f.channels}", f"-DR={radius}"))
-        return out

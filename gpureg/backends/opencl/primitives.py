@@ -11,7 +11,7 @@ import pyopencl as cl
 
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
-from ..types import Array, BackendUnavailable, Conductance, Device, Weighted
+from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
 from .duality import OpenCLDuality
 from .layout import GridLayout
 from .patches import OpenCLPatches
@@ -63,74 +63,51 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
 
     name = "opencl"
 
-    def sweep_bytes(self, graph: AnyGraph, channels: int) -> int:
+    def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
         layout = self._layout(graph)
-        if not isinstance(layout, GridLayout) or self.device.kind == "gpu":
+        if not isinstance(layout, GridLayout) or self.device.kind == "gpu" or not norms:
             return 0
-        blocks = layout.blocks(channels, 1, True, self.device.handle.max_compute_units)
+        blocks = layout.blocks(channels, norms, True, self.device.handle.max_compute_units)
         return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
-    def degree(self, weighted: Weighted) -> Array:
-        out = self.empty(weighted.graph, 1)
+    def _degree(self, weighted: Weighted, out: Array) -> None:
         self._run("degree", weighted, [out.buffer])
-        return out
 
-    def largest_weight(self, weighted: Weighted) -> Array:
-        out = self.empty(weighted.graph, 1)
+    def _largest_weight(self, weighted: Weighted, out: Array) -> None:
         self._run("degree", weighted, [out.buffer], ("-DLARGEST",))
-        return out
 
-    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
-        out = self.empty_edges(weighted.graph, f.channels) if out is None else out
+    def _difference(self, weighted: Weighted, f: Array, out: Array) -> None:
         self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",))
-        return out
 
-    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
-        out = self.empty(weighted.graph, H.channels) if out is None else out
+    def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None:
         self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",))
-        return out
 
-    def gradient_norm(
+    def _gradient_norm(
         self,
         weighted: Weighted,
         f: Array,
-        *,
         power: float,
         eps: float,
         coupled: bool,
-        edge_power: float | None = None,
-        out: Array | None = None,
-    ) -> Array:
-        G = 1 if coupled else f.channels
-        out = self.empty(weighted.graph, G) if out is None else out
+        edge_power: float | None,
+        out: Array,
+    ) -> None:
         args = [f.buffer, self.real(eps) ** 2, self.real(power), self.real(edge_power or 0), out.buffer]
-        options = (f"-DM={f.channels}", f"-DG={G}", *(() if edge_power is None else ("-DEDGE_NORM",)))
+        norms = f"-DG={1 if coupled else f.channels}"
+        options = (f"-DM={f.channels}", norms, *(() if edge_power is None else ("-DEDGE_NORM",)))
         self._run("gradient_norm", weighted, args, options)
-        return out
 
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
-        out = self.empty(weighted.graph, f.channels) if out is None else out
+    def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None:
         conductance, options = self._g(g, f.channels)
         self._run("p_laplacian", weighted, [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options))
-        return out
 
-    def jacobi_step(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        g: Conductance,
-        lam: float | Array,
-        *,
-        theta: float = 1.0,
-        out: Array | None = None,
-    ) -> Array:
-        out = self.empty(weighted.graph, f.channels) if out is None else out
+    def _jacobi_step(
+        self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
+    ) -> None:
         conductance, g_options = self._g(g, f.channels)
         lams, lam_options = self._lam(lam)
         args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
         self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
-        return out
 
     def sweep(
         self,
@@ -138,22 +115,17 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
         f: Array,
         f0: Array,
         lam: float | Array,
+        model: Smoothness,
         *,
-        p: float,
-        eps: float,
-        coupled: bool,
         theta: float,
-        edge_norm: bool = False,
         g: Array | None,
         out: Array,
     ) -> Array:
         layout = weighted.topology
         fused = isinstance(layout, GridLayout) and self.device.kind == "cpu" and not weighted.directed
-        if not fused or edge_norm or p == 2:
-            return super().sweep(
-                weighted, f, f0, lam, p=p, eps=eps, coupled=coupled, theta=theta, edge_norm=edge_norm, g=g, out=out
-            )
-        G = 1 if coupled else f.channels
+        if not fused or not model.has_function:
+            return super().sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
+        G = model.norms(f.channels)
         stored = weighted.weights is not None and weighted.storage != "none"
         cores = self.device.handle.max_compute_units
         blocks = layout.blocks(f.channels, G, stored, cores, wide=layout.wide and weighted.storage != "none")
@@ -161,8 +133,8 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
         args = [
             f.buffer,
             f0.buffer,
-            self.real((p - 2) / 2),
-            self.real(eps) ** 2,
+            self.real(model.power),
+            self.real(model.eps) ** 2,
             *lams,
             self.real(theta),
             np.int32(blocks.band),
@@ -177,7 +149,7 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
         self._run("sweep", weighted, args, options, blocks.count, exact=True, local=(1, 1))
         return out
 
-    def euler_step(
+    def _euler_step(
         self,
         weighted: Weighted,
         f: Array,
@@ -185,39 +157,20 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
         g: Conductance,
         lam: float | Array,
         tau: float | Array,
-        *,
-        out: Array | None = None,
-    ) -> Array:
-        out = self.empty(weighted.graph, f.channels) if out is None else out
+        out: Array,
+    ) -> None:
         conductance, g_options = self._g(g, f.channels)
         lams, lam_options = self._lam(lam)
         taus, tau_options = self._number(tau, "-DTAU_ARRAY")
         args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
         self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
-        return out
 
-    def energy(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-    ) -> float:
-        G = 1 if coupled else f.channels
+    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
         lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self.real(p), self.real(eps) ** 2]
-        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options, *(("-DEDGE_NORM",) if edge_norm else ()))
+        args = [f.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps) ** 2]
+        norm = ("-DEDGE_NORM",) if model.edge else ()
+        options = (f"-DM={f.channels}", f"-DG={model.norms(f.channels)}", *lam_options, *norm)
         return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
-
-    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
-        args = [a.buffer, b.buffer]
-        bare = Weighted(weighted.graph, weighted.topology, None)
-        return float(self._partial("max_change", bare, args, (f"-DM={a.channels}",), self.dtype).max(initial=0))
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

@@ -7,9 +7,10 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.warp import combine, dot, dual_step, duality_gap, gradient, primal
+from ...graphs.grid import AnyGraph
+from ...kernels.warp import combine, dot, dual_step, duality_gap, gradient, max_change, primal
 from ..duality import prox_case
-from ..types import Array, Conductance, Weighted
+from ..types import Array, Conductance, Smoothness, Weighted
 from .launching import WarpLaunches
 from .layout import channels_of
 
@@ -22,44 +23,30 @@ def _of(over: float | Array) -> int:
 class WarpDuality(WarpLaunches):
     """What the certified solvers ask of a device."""
 
-    def dot(self, weighted: Weighted, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        shape = weighted.topology.layout.shape
+    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
+        shape = self._layout(graph).shape
+        options = (self.real, channels_of(a))
+        return float(self._partial(max_change.make, shape, options, [a, b], self.real, math.prod(shape)).max())
+
+    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
+        shape = self._layout(graph).shape
         options = (self.real, channels_of(a), _of(over))
         return float(self._partial(dot.make, shape, options, [a, b, over], wp.float64, math.prod(shape)).sum())
 
-    def combine(
-        self,
-        weighted: Weighted,
-        a: float,
-        x: Array,
-        b: float,
-        y: Array,
-        *,
-        over: float | Array = 1.0,
-        out: Array | None = None,
-    ) -> Array:
-        M, shape = channels_of(x), weighted.topology.layout.shape
-        out = self.empty(weighted.graph, M) if out is None else out
-        options = (self.real, M, _of(over))
+    def _combine(
+        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+    ) -> None:
+        shape = self._layout(graph).shape
+        options = (self.real, channels_of(x), _of(over))
         self._launch(shape, combine.make, options, [a, x, b, y, over], out, work=math.prod(shape))
-        return out
 
-    def gradient(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array | None,
-        g: Conductance,
-        lam: float | Array,
-        *,
-        out: Array | None = None,
-    ) -> Array:
+    def _gradient(
+        self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
+    ) -> None:
         M = channels_of(f)
-        out = self.empty(weighted.graph, M) if out is None else out
         options, conductance = self._conductance(g, M)
         compiled_in = (M, *options, isinstance(lam, wp.array), f0 is not None)
         self._run(gradient.make, weighted, compiled_in, [f, f0, *conductance, lam], out)
-        return out
 
     def dual_step(
         self,
@@ -68,42 +55,27 @@ class WarpDuality(WarpLaunches):
         previous: Array,
         f: Array,
         f_previous: Array,
+        model: Smoothness,
         *,
         beta: float,
         sigma: float,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
     ) -> Array:
         M = channels_of(f)
-        options = (M, 1 if coupled else M, prox_case(p, eps), edge_norm)
-        self._run(dual_step.make, weighted, options, [y, f, f_previous, beta, sigma, p, eps], previous)
+        options = (M, model.norms(M), prox_case(model.p, model.eps), model.edge)
+        inputs = [y, f, f_previous, beta, sigma, model.p, model.eps]
+        self._run(dual_step.make, weighted, options, inputs, previous)
         return previous
 
-    def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
-        M, bound = channels_of(f0), weighted.topology
-        out = self.empty(weighted.graph, M) if out is None else out
-        options = (bound.access, M, isinstance(lam, wp.array))
+    def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
+        bound = weighted.topology
+        options = (bound.access, channels_of(f0), isinstance(lam, wp.array))
         self._launch_vertices(bound.layout, primal.make, options, [self._mirrored(weighted), y, f0, lam], out)
-        return out
 
     def duality_gap(
-        self,
-        weighted: Weighted,
-        f: Array,
-        y: Array,
-        f0: Array,
-        lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
+        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
     ) -> float:
-        bound, M = weighted.topology, channels_of(f)
-        options = (bound.access, M, 1 if coupled else M, prox_case(p, eps), edge_norm, isinstance(lam, wp.array))
-        inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, p, eps]
-        return float(
-            self._partial(duality_gap.make, bound.layout.shape, options, inputs, wp.float64, bound.layout.work).sum()
-        )
+        M, layout = channels_of(f), weighted.topology.layout
+        case = prox_case(model.p, model.eps)
+        options = (weighted.topology.access, M, model.norms(M), case, model.edge, isinstance(lam, wp.array))
+        inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, model.p, model.eps]
+        return float(self._partial(duality_gap.make, layout.shape, options, inputs, wp.float64, layout.work).sum())

@@ -24,7 +24,7 @@ from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
 from ..protocol import Backend
-from ..types import Array, Conductance, Device, EdgeNorm, Weighted, host_weights
+from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
 from . import pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
 from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
@@ -74,6 +74,9 @@ class WarpLaunches(Backend):
         form = "gamma" if directed else "unit" if weights is None else "weights"
         bound = Bound(layout, layout.access(form), layout.argument(weights, directed))
         return Weighted(graph, bound, weights, directed)
+
+    def channels(self, x: Array) -> int:
+        return channels_of(x)
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         values = np.asarray(f, self.dtype)
@@ -244,8 +247,8 @@ class WarpLaunches(Backend):
 
     def _conductance(self, g: Conductance, M: int) -> tuple[tuple[int, str], list[Any]]:
         """Number and kind of the conductances, and the arguments that stand for them."""
-        if isinstance(g, EdgeNorm):
-            return (1 if g.coupled else M, "edge"), [None, g.power, self._squared(g.eps)]
+        if isinstance(g, Smoothness):
+            return (g.norms(M), "edge"), [None, g.power, self._squared(g.eps)]
         if g is None:
             return (1, "none"), [None, 0.0, 0.0]
         return (channels_of(g), "vertex"), [g, 0.0, 0.0]

@@ -146,11 +146,8 @@ class WarpPatches(WarpLaunches):
         self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)
 
-    def aggregate(
-        self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
-    ) -> Array:
+    def _aggregate(self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array) -> None:
         grid = expect_stored(weighted)
-        out = self.empty(grid, channels_of(f)) if out is None else out
         access = weighted.topology.access
         # the cells of a patch as differences of places: row, x, and on three axes and more the leading axes
         lines = patch_lines(grid, radius)
@@ -161,7 +158,6 @@ class WarpPatches(WarpLaunches):
             cells[..., 2:] = lines[:, None, :-1]
         patch = self.upload(cells.reshape(-1, cells.shape[-1]), access.Place)
         self._run(aggregate.make, weighted, (channels_of(f),), [patch, f, share, centre], out)
-        return out
 
     def similarity_step(
         self,

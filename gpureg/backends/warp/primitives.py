@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import math
 import os
 import tempfile
 import weakref
@@ -22,12 +21,11 @@ from ...kernels.warp import (
     euler_step,
     gradient_norm,
     jacobi_step,
-    max_change,
     p_laplacian,
 )
 from ..numpy import primitives as host
 from ..protocol import Backend
-from ..types import Array, Conductance, Device, EdgeNorm, Weighted
+from ..types import Array, Conductance, Device, Smoothness, Weighted
 from . import pool
 from .duality import WarpDuality
 from .layout import channels_of
@@ -100,74 +98,50 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
         # The launches of past sweeps, for as long as their weights live.
         self._sweeps: weakref.WeakKeyDictionary[Weighted, dict[Any, Any]] = weakref.WeakKeyDictionary()
 
-    def degree(self, weighted: Weighted) -> Array:
-        out = self.empty(weighted.graph, 1)
+    def _degree(self, weighted: Weighted, out: Array) -> None:
         self._run(degree.make, weighted, (False,), [], out)
-        return out
 
-    def largest_weight(self, weighted: Weighted) -> Array:
-        out = self.empty(weighted.graph, 1)
+    def _largest_weight(self, weighted: Weighted, out: Array) -> None:
         self._run(degree.make, weighted, (True,), [], out)
-        return out
 
-    def difference(self, weighted: Weighted, f: Array, *, out: Array | None = None) -> Array:
-        out = self.empty_edges(weighted.graph, channels_of(f)) if out is None else out
+    def _difference(self, weighted: Weighted, f: Array, out: Array) -> None:
         self._run(difference.make, weighted, (channels_of(f),), [f], out)
-        return out
 
-    def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
-        out = self.empty(weighted.graph, channels_of(H)) if out is None else out
+    def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None:
         bound = weighted.topology
         options = (bound.access, channels_of(H))
         self._launch_vertices(bound.layout, adjoint.make, options, [self._mirrored(weighted), H], out)
-        return out
 
-    def gradient_norm(
+    def _gradient_norm(
         self,
         weighted: Weighted,
         f: Array,
-        *,
         power: float,
         eps: float,
         coupled: bool,
-        edge_power: float | None = None,
-        out: Array | None = None,
-    ) -> Array:
+        edge_power: float | None,
+        out: Array,
+    ) -> None:
         M = channels_of(f)
-        G = 1 if coupled else M
-        out = self.empty(weighted.graph, G) if out is None else out
-        options = (M, G, edge_power is not None)
+        options = (M, 1 if coupled else M, edge_power is not None)
         inputs = [f, self._squared(eps), power, edge_power or 0.0]
         self._run_runs(gradient_norm.make, weighted, options, inputs, out, edge_power is not None)
-        return out
 
-    def p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, *, out: Array | None = None) -> Array:
+    def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None:
         M = channels_of(f)
-        out = self.empty(weighted.graph, M) if out is None else out
         options, conductance = self._conductance(g, M)
         self._run(p_laplacian.make, weighted, (M, *options), [f, *conductance], out)
-        return out
 
-    def jacobi_step(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        g: Conductance,
-        lam: float | Array,
-        *,
-        theta: float = 1.0,
-        out: Array | None = None,
-    ) -> Array:
+    def _jacobi_step(
+        self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
+    ) -> None:
         M = channels_of(f)
-        out = self.empty(weighted.graph, M) if out is None else out
         options, conductance = self._conductance(g, M)
         inputs = [f, f0, *conductance, lam, theta]
         compiled_in = (M, *options, isinstance(lam, wp.array))
-        self._run_runs(jacobi_step.make, weighted, compiled_in, inputs, out, isinstance(g, EdgeNorm))
-        return out
+        self._run_runs(jacobi_step.make, weighted, compiled_in, inputs, out, isinstance(g, Smoothness))
 
-    def euler_step(
+    def _euler_step(
         self,
         weighted: Weighted,
         f: Array,
@@ -175,39 +149,19 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
         g: Conductance,
         lam: float | Array,
         tau: float | Array,
-        *,
-        out: Array | None = None,
-    ) -> Array:
+        out: Array,
+    ) -> None:
         M = channels_of(f)
-        out = self.empty(weighted.graph, M) if out is None else out
         options, conductance = self._conductance(g, M)
         arrays = (isinstance(lam, wp.array), isinstance(tau, wp.array))
         self._run(euler_step.make, weighted, (M, *options, *arrays), [f, f0, *conductance, lam, tau], out)
-        return out
 
-    def energy(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        lam: float | Array,
-        *,
-        p: float,
-        eps: float,
-        coupled: bool,
-        edge_norm: bool = False,
-    ) -> float:
+    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
         bound, M = weighted.topology, channels_of(f)
-        options = (bound.access, M, 1 if coupled else M, edge_norm, isinstance(lam, wp.array))
-        inputs = [bound.argument, f, f0, lam, p, self._squared(eps)]
-        return float(
-            self._partial(energy.make, bound.layout.shape, options, inputs, wp.float64, bound.layout.work).sum()
-        )
-
-    def max_change(self, weighted: Weighted, a: Array, b: Array) -> float:
-        options = (self.real, channels_of(a))
-        shape = weighted.topology.layout.shape
-        return float(self._partial(max_change.make, shape, options, [a, b], self.real, math.prod(shape)).max())
+        options = (bound.access, M, model.norms(M), model.edge, isinstance(lam, wp.array))
+        inputs = [bound.argument, f, f0, lam, model.p, self._squared(model.eps)]
+        layout = bound.layout
+        return float(self._partial(energy.make, layout.shape, options, inputs, wp.float64, layout.work).sum())
 
     def sweep(
         self,
@@ -215,24 +169,20 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
         f: Array,
         f0: Array,
         lam: float | Array,
+        model: Smoothness,
         *,
-        p: float,
-        eps: float,
-        coupled: bool,
         theta: float,
-        edge_norm: bool = False,
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Launched from a record the second time: a solver swaps the same two buffers over and over.
+        """Launch a sweep from a record the second time: a solver swaps the same two buffers over and over.
 
         To check and pack the arguments of a launch takes Python longer than a GPU needs for a small graph.
         """
-        settings: dict[str, Any] = {"p": p, "eps": eps, "coupled": coupled, "theta": theta, "edge_norm": edge_norm}
-        if p != 2 and not edge_norm and g is None:  # an output of its own every time
-            return super().sweep(weighted, f, f0, lam, g=g, out=out, **settings)
+        if model.has_function and g is None:  # an output of its own every time
+            return super().sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
         arrays = (f, f0, lam, g, out)
-        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), *settings.values(), pool.cores())
+        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), model, theta, pool.cores())
         past = self._sweeps.setdefault(weighted, {})
         if key in past:
             for commands in past[key][0]:
@@ -240,10 +190,10 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
             return out
         recorder = copy.copy(self)
         recorder._recorded = []
-        super(WarpBackend, recorder).sweep(weighted, f, f0, lam, g=g, out=out, **settings)
+        super(WarpBackend, recorder).sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
         if len(past) >= _SWEEPS:
             past.clear()
-        # with the arrays, lest another one gets the number of one that is gone
+        # with the arrays, so that no other one can get the number of one that is gone
         past[key] = (recorder._recorded, arrays)
         return out
 
