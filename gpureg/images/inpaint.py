@@ -179,11 +179,11 @@ def _known(image: npt.ArrayLike, channel_axis: int | None, missing: npt.NDArray[
     """
     if missing.dtype != np.bool_:
         raise ValueError(f"missing must be boolean, True where a pixel is missing, got {missing.dtype}")
-    array = np.asanyarray(image)
-    if missing.ndim != array.ndim - (channel_axis is not None):
-        raise ValueError(
-            f"missing must have the image's shape {array.shape}, without its channels, got shape {missing.shape}"
-        )
+    shape = list(np.shape(image))
+    if channel_axis is not None:
+        del shape[integer("channel_axis", channel_axis, low=-len(shape), high=len(shape) - 1)]
+    if missing.shape != tuple(shape):
+        raise ValueError(f"missing must have the shape of the image's pixels, {tuple(shape)}, got {missing.shape}")
     return Raster.of(image, channel_axis, ~missing)
 
 
