@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..doors import door
 from ..tuning.fidelity import LamMethod, choose_lam
+from ..weights import Bilateral, patch_weights
 from .course import Course
 from .fidelity import fidelity_of
 from .guides import contrast
@@ -142,6 +143,9 @@ def _with_the_pixel_itself(plan: DenoisePlan, asked: Choice) -> DenoisePlan:
     if centre == "none":
         reasons["lam"] = "the centre is left out, as given"
         plan = replace(plan, lam=0.0, reasons=reasons)
+    found = patch_weights(plan.weights)
+    if average_patches and found is not None and isinstance(found[0], Bilateral):
+        raise ValueError("average_patches needs patch weights, such as weights='patch'")
     if centre is not None or average_patches:
         expect_one_sweep(plan, asked["solver"], "centre" if centre is not None else "average_patches")
     return plan

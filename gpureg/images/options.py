@@ -152,9 +152,16 @@ class RunPlan(Run, total=False):
     update_weights: int | None
 
 
+def _own(options: type, *bases: type) -> dict[str, Any]:
+    """The options that some have and their bases do not, None each."""
+    inherited = {name for base in bases for name in base.__annotations__}
+    return {name: None for name in options.__annotations__ if name not in inherited}
+
+
+_PIXELS = _own(OnPixels, Run)
 _MORE: dict[str, Any] = {"gamma": "sqrt", "coupled": True, "update_weights": None}
 
-ON_PIXELS: dict[str, Any] = {name: None for name in OnPixels.__annotations__} | RUN
+ON_PIXELS: dict[str, Any] = _PIXELS | RUN
 FILTER: dict[str, Any] = {
     "lam": 2.0,
     "centre": "once",
@@ -163,11 +170,9 @@ FILTER: dict[str, Any] = {
     "constant": 0.0,
     **ON_PIXELS,
 }
-CHOICE: dict[str, Any] = {name: None for name in Choice.__annotations__} | MODEL
-DENOISE: dict[str, Any] = CHOICE | _MORE
-RUN_PLAN: dict[str, Any] = {name: None for name in RunPlan.__annotations__} | {
-    name: default for name, default in (MODEL | _MORE).items() if name in RunPlan.__annotations__
-}
+CHOICE: dict[str, Any] = _own(Choice, OnPixels, Model) | _PIXELS | MODEL
+DENOISE: dict[str, Any] = _own(Choice, OnPixels, Model) | _MORE | _PIXELS | MODEL
+RUN_PLAN: dict[str, Any] = _own(RunPlan, Run) | {"norm": "vertex", "solver": "jacobi"} | _MORE | RUN
 
 
 def map_of(
