@@ -374,13 +374,14 @@ def test_wrong_problems(settings: dict[str, Any], words: str) -> None:
 
 
 def test_wrong_settings() -> None:
-    for tol in (-1, None, np.nan, np.inf):
-        with pytest.raises(ValueError, match="tol must be finite and >= 0"):
+    for tol in (-1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="Certified: tol must be finite and >= 0"):
             gr.Certified(tol=tol)
-    with pytest.raises(TypeError, match="tol must be a number"):
-        gr.Certified(tol="small")  # type: ignore[arg-type]
+    for tol in ("small", None):
+        with pytest.raises(TypeError, match="Certified: tol must be a number"):
+            gr.Certified(tol=tol)  # type: ignore[arg-type]
     for method in ("jacobi", "", 3):
-        with pytest.raises(ValueError, match="method must be one of auto, dual, linear, newton"):
+        with pytest.raises(ValueError, match='Certified: method must be "auto", "dual", "linear" or "newton"'):
             gr.Certified(method=method)  # type: ignore[arg-type]
     assert isinstance(gr.Certified(), Solver)
 
@@ -391,11 +392,11 @@ def test_a_check_cut_short_leaves_no_gap_of_another(monkeypatch: pytest.MonkeyPa
     looks: list[int] = []
     real = Dual.certify
 
-    def cut(self: Dual, problem: Any, state: Any, energy: float) -> Any:
+    def cut(self: Dual, problem: Any, state: Any, course: Any) -> Any:
         looks.append(1)
         if len(looks) == 3:
             raise KeyboardInterrupt
-        return real(self, problem, state, energy)
+        return real(self, problem, state, course)
 
     monkeypatch.setattr(Dual, "certify", cut)
     with pytest.raises(gr.Interrupted) as caught:

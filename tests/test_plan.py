@@ -157,7 +157,7 @@ def test_every_parameter_is_explained() -> None:
         ({"lam": "sure", "sigma": 0, "weights": gr.weights.bilateral(2.0, 60.0)}, "nothing to choose lam from"),
         ({"lam": "sure", "sigma": 0, "weights": gr.weights.constant()}, "nothing to choose lam from"),
         ({"lam": "sure", "backend": "cuda"}, "unknown backend"),
-        ({"lam": "sure", "solver": "luck"}, "unknown solver"),
+        ({"lam": "sure", "solver": "luck"}, 'solver must be "jacobi"'),
     ],
 )
 def test_a_wrong_wish_gets_a_sentence(call: dict, says: str) -> None:

@@ -185,7 +185,7 @@ def test_wrong_labels(labels, settings, sentence):
 
 
 def test_wrong_rings():
-    with pytest.raises(TypeError, match="graph must be a Graph, got GridGraph"):
+    with pytest.raises(TypeError, match="graph must be a Graph, got a GridGraph"):
         gr.ring_graph(gr.GridGraph(4), 2)
     with pytest.raises(ValueError, match="rings must be >= 1, got 0"):
         gr.ring_graph(gr.GridGraph(4).to_graph(), 0)

@@ -348,7 +348,7 @@ BAD = [
     ({"f0": np.zeros((12, 0))}, ValueError, "channels"),
     ({"f0": np.zeros((3, 4), complex)}, TypeError, "real numbers, got complex"),
     ({"f0": [["a"] * 4] * 3}, TypeError, "real numbers"),
-    ({"graph": "grid"}, TypeError, "graph must be a Graph or a GridGraph, got str"),
+    ({"graph": "grid"}, TypeError, "graph must be a Graph, a GridGraph, .* or a graph of networkx, got str"),
     ({"p": 0}, ValueError, "p must be finite and > 0, got 0"),
     ({"p": -1.5}, ValueError, "got -1.5"),
     ({"p": math.nan}, ValueError, "got nan"),
@@ -356,17 +356,19 @@ BAD = [
     ({"lam": -1}, ValueError, "lam must be >= 0 .*got -1"),
     ({"lam": math.nan}, ValueError, "got nan"),
     ({"lam": np.ones(5)}, ValueError, r"one value per vertex, shape \(3, 4\), got shape \(5,\)"),
-    ({"lam": "1"}, TypeError, "lam must be a real number"),
+    ({"lam": "1"}, TypeError, "lam must be a number, got '1'"),
+    ({"lam": True}, TypeError, "lam must be a number, got True"),
+    ({"lam": ["1"] * 12}, TypeError, "lam must be a real number"),
     ({"weights": -np.ones(GRID.n_edges)}, ValueError, "weights must be >= 0, got -1"),
     ({"weights": np.full(GRID.n_edges, np.nan)}, ValueError, "weights must be finite"),
     ({"weights": np.ones(3)}, ValueError, r"weights must have shape .*got \(3,\)"),
     ({"weights": np.arange(GRID.n_edges)}, ValueError, "same in both directions"),
-    ({"gamma": "cubic"}, ValueError, "gamma must be one of sqrt.*got 'cubic'"),
+    ({"gamma": "cubic"}, ValueError, 'gamma must be "sqrt".*got .cubic.'),
     ({"gamma": np.ones(4)}, ValueError, r"gamma must have shape \(58,\).*or \(3, 4, 8\).*got \(4,\)"),
     ({"gamma": -np.ones(GRID.n_edges)}, ValueError, "gamma must be finite and >= 0, got -1"),
     ({"gamma": np.full(GRID.n_edges, np.nan)}, ValueError, "gamma must be finite and >= 0, got nan"),
     ({"gamma": None}, TypeError, "gamma must be a name.*or one number per directed edge"),
-    ({"gamma": np.ones(GRID.n_edges), "weights": np.ones(GRID.n_edges)}, ValueError, "in the place of the weights"),
+    ({"gamma": np.ones(GRID.n_edges), "weights": np.ones(GRID.n_edges)}, ValueError, "instead of the weights"),
     ({"norm": "face"}, ValueError, 'norm must be "vertex" or "edge", got .face.'),
     ({"update_weights": 2}, ValueError, "update_weights needs a weight function.*got weights=None"),
     ({"update_weights": 0, "weights": gr.weights.patch(0, 1)}, ValueError, "update_weights must be >= 1, got 0"),
@@ -385,7 +387,7 @@ BAD = [
     ({"coupled": "no"}, TypeError, "coupled must be True or False, got 'no'"),
     ({"weights": "patch"}, TypeError, "weights must be an object of gpureg.weights or an array"),
     ({"f0": 5.0}, ValueError, r"\(3, 4\) or \(3, 4, m\), got \(\)"),
-    ({"solver": "newton"}, ValueError, "unknown solver 'newton': use jacobi"),
+    ({"solver": "newton"}, ValueError, 'solver must be "jacobi", "euler" or "certified", got .newton.'),
     ({"solver": 3}, TypeError, "solver must be a name or a solver object"),
     ({"dtype": "float16"}, ValueError, "dtype must be float32 or float64, got float16"),
     ({"initial": np.zeros(5)}, ValueError, "initial must have shape"),
@@ -406,6 +408,24 @@ def test_wrong_arguments_get_a_sentence(wrong: dict, error: type, says: str) -> 
     call = {"f0": F0, "graph": GRID, "backend": "numpy", **wrong}
     with pytest.raises(error, match=says):
         gr.regularize(call.pop("f0"), call.pop("graph"), **call)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: gr.regularize(F0, GRID, progress="yes"), "regularize: progress must be True or False, got 'yes'"),
+        (lambda: gr.memory_needed(GRID, lam="1"), "memory_needed: lam must be a number, got '1'"),
+        (lambda: gr.memory_needed(GRID, p="a"), "memory_needed: p must be a number, got 'a'"),
+        (lambda: gr.memory_needed(GRID, weights="patch"), "memory_needed: weights must be an object of gpureg.weights"),
+        (lambda: gr.memory_needed("grid"), "memory_needed: graph must be a Graph or a GridGraph, got str"),
+        (lambda: gr.Jacobi(accelerate=1), "Jacobi: accelerate must be True or False, got 1"),
+        (lambda: gr.Euler(step="a"), "Euler: step must be a number, got 'a'"),
+        (lambda: gr.Euler(steps=1), r"Euler.__init__\(\) got an unexpected keyword argument 'steps'"),
+    ],
+)
+def test_an_error_names_what_was_called(call, says: str) -> None:
+    with pytest.raises(TypeError, match=f"^{says}"):
+        call()
 
 
 def test_wrong_solver_settings() -> None:

@@ -98,7 +98,7 @@ def test_more_noise_than_there_is_to_take_away() -> None:
         ({"start": 0.0}, ValueError, "start must be finite and > 0"),
         ({"rtol": 0.0}, ValueError, "rtol must be finite and > 0"),
         ({"p": -1}, ValueError, "p must be finite and > 0"),
-        ({"gamma": "round"}, ValueError, "gamma must be one of"),
+        ({"gamma": "round"}, ValueError, 'gamma must be "sqrt"'),
     ],
 )
 def test_discrepancy_says_what_is_wrong(call: dict, error: type, says: str) -> None:

@@ -18,7 +18,7 @@ def on_edges(weights: Weights, made: gr.Graph | gr.GridGraph, f0: np.ndarray) ->
     values = ORACLE.get_weights(weights.prepare(ORACLE, made, f0))
     if values is None:
         return np.ones(made.n_edges)
-    return made.half_to_edges(values) if isinstance(made, gr.GridGraph) else values
+    return made.edges.gather_half(values) if isinstance(made, gr.GridGraph) else values
 
 
 def ends(made: gr.Graph | gr.GridGraph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -73,8 +73,8 @@ def test_gaussian_patch_sums_to_one() -> None:
 def test_arrays_of_weights_reach_the_process(device: str) -> None:
     grid = graph("grid")
     f0 = function(grid)
-    half = rng(13).random((grid.half_window, *grid.shape)) * grid.unit_half_weights()
-    flat = grid.half_to_edges(half)
+    half = rng(13).random((grid.half_window, *grid.shape)) * grid.edges.unit_half()
+    flat = grid.edges.gather_half(half)
     as_csr = gr.regularize(f0, grid.to_graph(half), p=1, lam=2, max_iter=5, backend=device)
     given = gr.regularize(f0, grid, weights=flat, p=1, lam=2, max_iter=5, backend=device)
     # The two kinds of graph add the same numbers in the same order, but may contract products differently.

@@ -17,7 +17,6 @@ from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.edges import METRICS, Metric
 from ..graphs.grid import GridGraph
-from ..graphs.grid_parts import part_of
 from ..model.memory import budget
 from ..model.problem import as_function
 from ..progress import progress_bar
@@ -191,7 +190,7 @@ def _nearest(
     halo = reach + found[0].reach
     start, end = max(0, first - halo), min(grid.shape[0], last + halo)
     everything = tuple(slice(0, size) for size in grid.shape[1:])
-    part = part_of(grid, (slice(start, end), *everything))
+    part = grid.part((slice(start, end), *everything))
     values = f.reshape(*grid.shape, -1)[start:end].reshape(-1, f.shape[1])
     form = replace(found[0].form(part, f.shape[1], device.dtype), scale=None, shift=0.0)
     rho = device.get_weights(device.patch_distance(part, values, form))
@@ -200,21 +199,20 @@ def _nearest(
     own = slice(first - start, last - start)
     table = np.full((*part.shape, 2 * part.half_window), np.inf, rho.dtype)
     jumps = np.empty(2 * part.half_window, np.int64)
-    strides = np.array([math.prod(grid.shape[d + 1 :]) for d in range(grid.ndim)], np.int64)
     for h, step in enumerate(part.forward_offsets):
         u, v = part.ends(step)
         distance = rho[h][u]
         if part.mask is not None:
             distance = np.where(part.mask[u] & part.mask[v], distance, np.inf)
         table[..., 2 * h][u] = table[..., 2 * h + 1][v] = distance
-        jumps[2 * h], jumps[2 * h + 1] = step @ strides, -(step @ strides)
+        jumps[2 * h], jumps[2 * h + 1] = step @ grid.strides, -(step @ grid.strides)
     distances = table[own].reshape(-1, len(jumps))
     if k < len(jumps):
         chosen = np.argpartition(distances, k - 1, axis=1)[:, :k]
     else:
         chosen = np.broadcast_to(np.arange(len(jumps)), distances.shape)
     there = np.isfinite(np.take_along_axis(distances, chosen, axis=1))
-    vertices = np.arange(len(distances)) + first * strides[0]
+    vertices = np.arange(len(distances)) + first * grid.strides[0]
     neighbours = vertices[:, None] + jumps[chosen]
     return np.repeat(vertices, there.sum(axis=1)), neighbours[there]
 
@@ -228,6 +226,4 @@ def _symmetric(grid: GridGraph, u: IntArray, v: IntArray, symmetrize: Symmetrize
     joined = sparse.csr_array(joined)
     joined.eliminate_zeros()
     joined.sort_indices()
-    steps = np.array(grid.spacing or (1.0,) * grid.ndim)
-    positions = np.stack(np.unravel_index(np.arange(n), grid.shape), axis=-1) * steps
-    return Graph(joined.indptr, joined.indices, None, positions, grid)
+    return Graph(joined.indptr, joined.indices, None, grid.positions(), grid)

@@ -13,6 +13,7 @@ from .. import backends
 from ..arrays import FloatArray, IntArray
 from ..checks import number
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.edges import Metric
 from ..graphs.grid import GridGraph
@@ -52,7 +53,7 @@ def neighbours(
     metric: Metric = "chebyshev",
     spacing: Sequence[float] | None = None,
     mask: npt.ArrayLike | None = None,
-    graph: Graph | GridGraph | None = None,
+    graph: GraphLike | None = None,
     channel_axis: int | None = None,
     path: Path_ | None = None,
     backend: str = "numpy",
@@ -115,6 +116,7 @@ def neighbours(
         graph = GridGraph(shape, radius, metric, spacing=spacing, mask=mask)
     elif radius is not None or spacing is not None or mask is not None:
         raise ValueError("radius, spacing and mask make a window; a graph has its neighbours already: give one of them")
+    graph = as_graph(graph)
     if graph.n_vertices != np.prod(shape) or (isinstance(graph, GridGraph) and graph.shape != shape):
         raise ValueError(f"the graph must have a vertex per pixel of {shape}, got {graph!r}")
     places, values = _weights_of(graph, picture, at, weights, backend)
@@ -199,7 +201,7 @@ def _weights_of(
     assert isinstance(grid, GridGraph)
     half = device.get_weights(DeviceProblem.put(part, device).weighted)
     if half is None:
-        half = grid.unit_half_weights()
+        half = grid.edges.unit_half()
     corner = np.array([s.start for s in box])
     u = np.array(at) - corner
     v = u + grid.offsets

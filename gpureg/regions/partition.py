@@ -14,6 +14,7 @@ from ..arrays import FloatArray, IntArray, all_finite, unmasked
 from ..backends.zones import LONGEST, Labels, Lengths
 from ..checks import flag, number
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 
@@ -30,7 +31,7 @@ _BAND = 1 << 18
 @overload
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = ...,
@@ -40,7 +41,7 @@ def energy_partition(
 @overload
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = ...,
@@ -50,7 +51,7 @@ def energy_partition(
 @door
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = 0.0,
@@ -110,6 +111,7 @@ def energy_partition(
     >>> gr.energy_partition(f, line, [0, -1, -1, -1, -1, 1], return_energy=True, backend="numpy")
     (array([0, 0, 0, 1, 1, 1], dtype=int32), array([0., 0., 5., 8., 1., 0.]))
     """
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     labels = _checked(sources, graph)
     return_energy = flag("return_energy", return_energy)
@@ -125,8 +127,6 @@ def energy_partition(
 
 def vertex_values(f: npt.ArrayLike, graph: AnyGraph, name: str = "f") -> FloatArray:
     """A function on the vertices, checked, as a float array (n, m)."""
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
     array = unmasked(f, name)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold integers or real numbers, got {array.dtype}")

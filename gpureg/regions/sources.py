@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..backends.zones import Labels
 from ..checks import choice, integer
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
@@ -23,7 +24,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 @door
-def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: str = "auto") -> Labels:
+def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: str = "auto") -> Labels:
     """Label the regional extrema of a function: the flat zones that have no neighbour below, or none above.
 
     Parameters
@@ -59,6 +60,7 @@ def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: 
     array([ 0,  0,  1, -1, -1,  2], dtype=int32)
     """
     choice("kind", kind, KINDS)
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     if values.shape[1] > 1:
         values = values.mean(axis=1, dtype=np.float64, keepdims=True)
@@ -66,7 +68,7 @@ def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: 
 
 
 @door
-def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto") -> Labels:
+def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto") -> Labels:
     """Label the regional minima of the gradient norm of a function: where it is flattest.
 
     Parameters
@@ -98,6 +100,7 @@ def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto")
     >>> gr.sources.gradient_minima([0, 0, 0, 4, 9, 9], gr.GridGraph(6), backend="numpy")
     array([ 0,  0, -1, -1, -1,  1], dtype=int32)
     """
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     return _shaped(
         _regional(_squared_gradient(values, graph), graph, "minima", backends.get(backend, np.float32)), graph

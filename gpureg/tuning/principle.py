@@ -13,9 +13,10 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..checks import number
 from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
-from ..model.problem import as_function
+from ..model.problem import as_function, uses_degrees
 from ..model.result import Result
 from ..regularization.path import SETTINGS as _SERIES
 from ..regularization.path import Series
@@ -60,7 +61,7 @@ def explained(ratio: float, evaluations: int) -> str:
 @door
 def discrepancy(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     sigma: float | npt.ArrayLike,
     *,
     start: float | None = None,
@@ -116,6 +117,7 @@ def discrepancy(
     for name in ("lam", "initial"):
         if name in settings:
             raise TypeError(f"{name} is what is looked for, or part of the search: leave it out")
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     data = as_function(graph, f0, "f0")
     inside = graph.mask.ravel() if isinstance(graph, GridGraph) and graph.mask is not None else None
     noise = _noise(sigma, graph, inside)

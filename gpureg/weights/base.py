@@ -109,7 +109,7 @@ class EdgeWeights(Weights):
                 vertices[start].shape
             )
         if graph.mask is not None:
-            half[graph.unit_half_weights() == 0] = 0
+            half[graph.edges.unit_half() == 0] = 0
         return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
 
     def _of_stored(self, graph: Graph, f0: FloatArray) -> FloatArray:

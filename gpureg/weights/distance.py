@@ -46,7 +46,7 @@ def _squared_lengths(graph: AnyGraph, u: IntArray, v: IntArray) -> FloatArray:
     if isinstance(graph, Graph):
         return _squared_distances(_positions(graph), u, v)
     cells = np.stack(np.unravel_index(u, graph.shape)) - np.stack(np.unravel_index(v, graph.shape))
-    lengths: FloatArray = ((cells.T * np.array(graph.spacing or (1.0,) * graph.ndim)) ** 2).sum(axis=-1)
+    lengths: FloatArray = ((cells.T * graph.cell) ** 2).sum(axis=-1)
     return lengths
 
 
@@ -55,7 +55,7 @@ def nearness(graph: AnyGraph, sigma: float) -> FloatArray | None:
     if math.isinf(sigma):
         return None
     if isinstance(graph, GridGraph):
-        steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
+        steps = graph.forward_offsets * graph.cell
         # divided first: the square of a tiny sigma would be 0
         squares: FloatArray = ((steps / sigma) ** 2).sum(axis=1)
     else:
