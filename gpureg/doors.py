@@ -22,6 +22,15 @@ T = TypeVar("T")
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
 RENAMED: dict[str, dict[str, str]] = {
+    "denoise_image": {"nearest": "k"},
+    "denoise_nl_means": {"a": "patch_sigma"},
+    "inpaint_image": {"mask": "missing"},
+    "patch": {"radius": "patch_radius", "a": "patch_sigma"},
+    "patch_graph": {"a": "patch_sigma"},
+    "plan_denoising": {"nearest": "k"},
+    "Regions.hierarchy": {"lams": "lam", "tol": "merge_tol"},
+    "Regions.merged": {"tol": "merge_tol"},
+    "simplify_image": {"merge": "merge_tol"},
     "regularization_path": {"lams": "lam"},
     "point_patches": {"side": "patch_radius, which is (side - 1) / 2,"},
     "segment_mesh": {"lams": "lam", "met_at": "merge_tol"},

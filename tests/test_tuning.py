@@ -11,8 +11,8 @@ from scipy import ndimage
 
 import gpureg as gr
 from gpureg import tuning
-from gpureg.tuning.discrepancy import match
 from gpureg.tuning.fidelity import gradient_to_noise, least
+from gpureg.tuning.principle import match
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
 

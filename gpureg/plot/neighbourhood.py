@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
+from ..checks import number
+from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.edges import Metric
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 _FRAME = "#ff2d55"
 
 
+@door
 def neighbours(
     image: npt.ArrayLike,
     pixel: Sequence[int],
@@ -69,7 +72,7 @@ def neighbours(
     radius, metric, spacing, mask
         The window, as :class:`gpureg.GridGraph` takes them.
     graph : Graph or GridGraph, optional
-        A graph whose vertices are the image's pixels in row-major order, in the place of the window: one with each
+        A graph whose vertices are the image's pixels in row-major order, instead of the window: one with each
         pixel's most similar neighbours, for one.
     channel_axis : int, optional
         The axis of the channels; None for grey.
@@ -109,6 +112,7 @@ def neighbours(
     if graph is None:
         if radius is None:
             raise ValueError("give the radius of the window, or a graph")
+        number("radius", radius, finite=False)
         graph = GridGraph(shape, radius, metric, spacing=spacing, mask=mask)
     elif radius is not None or spacing is not None or mask is not None:
         raise ValueError("radius, spacing and mask make a window; a graph has its neighbours already: give one of them")

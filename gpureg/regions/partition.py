@@ -12,6 +12,8 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray, IntArray, all_finite, unmasked
 from ..backends.zones import LONGEST, Labels, Lengths
+from ..checks import flag, number
+from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
@@ -46,6 +48,7 @@ def energy_partition(
     return_energy: Literal[True],
     backend: str = ...,
 ) -> tuple[Labels, FloatArray]: ...
+@door
 def energy_partition(
     f: npt.ArrayLike,
     graph: GraphLike,
@@ -111,9 +114,8 @@ def energy_partition(
     graph = as_graph(graph)
     values = vertex_values(f, graph)
     labels = _checked(sources, graph)
-    if not (isinstance(compactness, int | float | np.integer | np.floating) and compactness >= 0):
-        raise ValueError(f"compactness must be a number >= 0, got {compactness!r}")
-    lengths, unit = edge_lengths(values, graph, float(compactness))
+    return_energy = flag("return_energy", return_energy)
+    lengths, unit = edge_lengths(values, graph, number("compactness", compactness, low=0))
     device = backends.get(backend, np.float32)
     mu, found = device.influence_zones(graph, lengths, labels.reshape(-1).astype(np.int32))
     found = found.reshape(labels.shape)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import number
+from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
@@ -57,6 +58,7 @@ def explained(ratio: float, evaluations: int) -> str:
     return f"discrepancy principle: {ratio:.3f} of the noise's energy taken away, {evaluations} evaluation(s)"
 
 
+@door
 def discrepancy(
     f0: npt.ArrayLike,
     graph: GraphLike,
@@ -121,7 +123,10 @@ def discrepancy(
     noise = _noise(sigma, graph, inside)
     unit = math.sqrt(_mean_square(noise, None if noise.size == 1 else inside))
     relative: float | FloatArray = 1.0 if noise.size == 1 else (unit / noise[:, 0]) ** 2
-    p = float(settings.pop("p", 2.0))
+    p = number("p", settings.pop("p", 2.0), above=0)
+    if start is not None:
+        number("start", start, above=0)
+    number("rtol", rtol, above=0)
     solver = resolve(settings.get("solver", "jacobi"))
     # where the end does not depend on the start
     warm = p >= 1 and (settings.get("tol") is not None or solver.tol is not None) and _SERIES.issuperset(settings)
