@@ -116,7 +116,7 @@ def numbers(function: Callable[..., Any]) -> list[str]:
     found = []
     for name, parameter in inspect.signature(function).parameters.items():
         kinds = re.findall(r"\w+", str(parameter.annotation)) if parameter.annotation is not parameter.empty else []
-        if "Callable" in kinds or "Sequence" in kinds or "bool" in kinds and "float" not in kinds:
+        if "Callable" in kinds or "Sequence" in kinds or ("bool" in kinds and "float" not in kinds):
             continue
         if {"float", "int"} & set(kinds) or (not kinds and name in OPTIONS):
             found.append(name)
