@@ -193,7 +193,7 @@ def denoise_bilateral(
         sigma_space=math.sqrt(2) * sigma_spatial,
         sigma_value=math.sqrt(2) * color,
         border=_BORDERS[mode],
-        constant=cval,
+        constant=number("cval", cval),
         channel_axis=channel_axis,
         **options,
     )

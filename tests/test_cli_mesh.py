@@ -16,7 +16,7 @@ import trimesh
 from commands import call, done, environment, failed, on_terminal, process
 
 import gpureg as gr
-from gpureg.cli import mesh as command
+from gpureg.cli.mesh import mesh as command
 from gpureg.meshes.reading import FORMATS, read_mesh
 from gpureg.meshes.writing import write_mesh
 

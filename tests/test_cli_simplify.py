@@ -17,7 +17,7 @@ from commands import call, done, environment, failed, noisy_picture, on_terminal
 from scipy import ndimage
 
 import gpureg as gr
-from gpureg.cli import simplify
+from gpureg.cli.simplify import simplify
 from gpureg.files.pictures import Picture, read_picture, write_picture
 
 
