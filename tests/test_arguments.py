@@ -159,7 +159,7 @@ def test_the_call_works(call):
 
 
 @pytest.mark.parametrize(("call", "name"), CASES, ids=[f"{call}-{name}" for call, name in CASES])
-@pytest.mark.parametrize("value", ["wrong", float("nan")], ids=["type", "value"])
+@pytest.mark.parametrize("value", ["wrong", True, float("nan")], ids=["text", "truth", "not a number"])
 def test_a_wrong_number_gets_a_sentence(call, name, value):
     function, args, given = CALLS[call]
     said = wrong(function, args, given, name, value)
