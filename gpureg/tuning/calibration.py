@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import choice, flag, integer
+from ..checks import choice, flag, integer, number
 from ..doors import door
 from ..noise.white import estimate_noise
 from .risk import Denoiser, j_invariance, sure
