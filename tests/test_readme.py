@@ -110,7 +110,9 @@ def test_the_first_steps_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
 def test_console_examples_name_options_that_exist() -> None:
     """On every page; the numbers of calls say that the pattern finds them."""
     known = {
-        command.name: {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        command.name: {
+            option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
+        }
         for command in COMMANDS
     }
     for page in (README, *DOCS.glob("*.md")):
