@@ -17,6 +17,7 @@ test: $(VENV)/.test-ready
 lint: $(VENV)/.test-ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror kernels/opencl/*.cl
 	$(BIN)/mypy
 
 bench: $(VENV)/.bench-ready

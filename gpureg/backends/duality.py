@@ -11,8 +11,12 @@ with d* the adjoint of the difference and phi* the conjugate of phi; with the ed
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Literal
+from abc import abstractmethod
+from typing import Literal
+
+from ..graphs.grid import AnyGraph
+from .data import Data
+from .types import Array, Conductance, Smoothness, Weighted
 
 # An edge function of p = 1 stays inside the unit ball by so many roundings: what a norm may be off by on a device.
 BALL_ROUNDINGS = 32
@@ -29,20 +33,8 @@ def prox_case(p: float, eps: float) -> ProxCase:
     return "power" if eps == 0 else "newton"
 
 
-if TYPE_CHECKING:
-    from ..graphs.grid import AnyGraph
-    from .types import Array, Conductance, Smoothness, Weighted
-
-
-class Duality(ABC):
+class Duality(Data):
     """What a certified or accelerated solver asks of a device besides the paper's primitives."""
-
-    @abstractmethod
-    def channels(self, x: Array) -> int:
-        """The number of channels of a device function, on the vertices or on the edges."""
-
-    @abstractmethod
-    def _out(self, graph: AnyGraph, channels: int, out: Array | None) -> Array: ...
 
     # Vectors: they need no weights
 

@@ -1,17 +1,13 @@
-"""The protocol: what a device must be able to do, and what it may do faster by overriding.
+"""The protocol of the primitives: what a device must be able to do, and what it may do faster by overriding.
 
-Functions on vertices are device arrays that only the backend reads; ``put`` and ``get`` carry them over the border as
-host arrays of shape (n, channels). How a device lays out functions and weights is its own affair. The equations of the
-primitives are in ``kernels/README.md``.
+Their equations are in ``kernels/README.md``; ``data.py`` brings functions and weights onto a device and back.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
@@ -19,7 +15,7 @@ from .duality import Duality
 from .patches import (
     PatchForm,
 )
-from .types import Array, Conductance, Device, Smoothness, Storage, Weighted, expect_stored
+from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
@@ -33,115 +29,8 @@ class Backend(Duality, Zones):
         float32 or float64.
     """
 
-    name: ClassVar[str]
-
-    # The forms in which the device holds weights: what saves memory here, whatever else is accepted.
-    storages: ClassVar[tuple[Storage, ...]] = ("full",)
-
-    # Whether `similarity_step` knows averaged weights, on grids of two axes.
-    averages: ClassVar[bool] = False
-
-    # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
-    # `similarity_step`; all else treats a vertex alike wherever it lies.
-    row_block: int = 1
-    column_block: int = 1
-
-    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
-        self.device = device
-        self.dtype = np.dtype(dtype)
-        self.real: Any = self.dtype.type  # makes a scalar of this type
-
-    def __repr__(self) -> str:
-        return f"{self.device.id} ({self.device.name}, {self.device.driver}), {self.dtype}"
-
-    # Data
-
-    @abstractmethod
-    def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
-        """A host function (n, channels) onto the device, rounded to the backend's dtype."""
-
-    @abstractmethod
-    def get(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """A device function as a host array (n, channels)."""
-
-    @abstractmethod
-    def empty(self, graph: AnyGraph, channels: int) -> Array:
-        """A device function to be written."""
-
-    @abstractmethod
-    def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
-        """The graph onto the device, with weights from the host.
-
-        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means the graph's own,
-        and 1 on every edge inside its mask where it has none. A device keeps its copy of a read-only array, such as the
-        graph's own weights, and takes it again.
-        """
-
-    @abstractmethod
-    def get_weights(self, weighted: Weighted) -> FloatArray | None:
-        """The weights as :meth:`prepare` takes them."""
-
-    @abstractmethod
-    def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
-        """The graph onto the device with gamma(u, v) in the place of weights, a host function on the edges."""
-
-    @abstractmethod
-    def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
-        """A host function on the directed edges onto the device.
-
-        It is (n_edges, channels) on a :class:`Graph`, (K, *shape, channels) on a :class:`GridGraph`, one plane per
-        offset with 0 where an edge leaves the grid or the mask.
-        """
-
-    @abstractmethod
-    def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """A device function on the directed edges, in the form of :meth:`put_edges`."""
-
-    @abstractmethod
-    def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
-        """A device function on the directed edges to be written."""
-
-    # Sizes: bytes that what is above takes on the device, told before it is there and without the device
-
-    @property
-    def largest_buffer(self) -> int:
-        """Bytes of the largest array the device holds."""
-        return self.device.memory
-
-    @abstractmethod
-    def topology_bytes(self, graph: AnyGraph) -> int:
-        """What the device keeps of the graph; nothing to speak of on a grid."""
-
-    @abstractmethod
-    def function_bytes(self, graph: AnyGraph, channels: int) -> int:
-        """A function on the vertices."""
-
-    @abstractmethod
-    def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
-        """Weights in full; with `directed` gamma(u, v), one value per directed edge."""
-
-    @abstractmethod
-    def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`patch_distance` needs for a while, besides the weights."""
-
-    def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`similarity_step` needs for a while; `guide` is the number of its channels."""
-        patches = self.patch_bytes(graph, channels if guide is None else guide, radius)
-        return (self.edge_bytes(graph), self.function_bytes(graph, channels), *patches)
-
-    def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
-        """What a sweep needs for a while, besides the arrays that it is given; `norms` gradient norms are stored."""
-        return 0
-
     # Primitives: kernels/README.md is their contract. A public method allocates what is to be written, where the caller
     # gives no `out`, and its counterpart with an underscore computes into it.
-
-    def _out(self, graph: AnyGraph, channels: int, out: Array | None) -> Array:
-        return self.empty(graph, channels) if out is None else out
-
-    @abstractmethod
-    def channels(self, x: Array) -> int:
-        """The number of channels of a device function, on the vertices or on the edges."""
 
     @abstractmethod
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:

@@ -1,9 +1,9 @@
 /* out(x) = N_0(x) F(x) + sum_o N_o(x) F(x + o),   N_o(x) = sum_j s(x - j) w(x - j, x - j + o)
  *                                                                        (Buades, Coll, Morel, IPOL 2011, patchwise)
  * N_0(x) = sum_j c(x - j). Sums over the offsets o of the window and j of a square patch of radius R, as far as x + o,
- * x - j and x - j + o are vertices. With s one over the sum of the weights around a vertex, and c the centre's own share,
- * N_o(x) is what all patches that cover x give to x + o: averaged patches instead of averaged pixels. F carries a channel
- * of ones, or the mask, by whose sum the host divides the others.
+ * x - j and x - j + o are vertices. With s one over the sum of the weights around a vertex, and c the centre's own
+ * share, N_o(x) is what all patches that cover x give to x + o: averaged patches instead of averaged pixels. F carries
+ * a channel of ones, or the mask, by whose sum the host divides the others.
  *
  * Grid alone. One work item: a pack of N. For each offset it adds s w down the 2 R + 1 rows of the patch, for the packs
  * that the patch reaches, then along the rows.
@@ -26,13 +26,13 @@
 __kernel void aggregate(
     GRAPH_ARGS,
     const int n_lines,
-    __global const int *lines,         /* (n_lines, NDIM): the rows of a patch, as steps along the leading axes, then
+    __global const int *lines,   /* (n_lines, NDIM): the rows of a patch, as steps along the leading axes, then
                                           in rows */
-    __global const real *f,            /* M channels */
-    __global const real *share,        /* 1 channel: s */
-    __global const real *centre,       /* 1 channel: c */
+    __global const real *f,      /* M channels */
+    __global const real *share,  /* 1 channel: s */
+    __global const real *centre, /* 1 channel: c */
     /* output */
-    __global real *out)                /* M channels */
+    __global real *out) /* M channels */
 {
     VERTEX
     const bool inner = x >= R + reach && x + (WIDE + 1) * N + R + reach <= width;
@@ -58,14 +58,16 @@ __kernel void aggregate(
             if (!exists) continue;
             const long r = row + line[NDIM - 1], from = guard + r * pitch;
             /* stored at u when k leads forward, at v when it leads back */
-            const long place =
-                weight_guard + (k >= H ? (r * H + k - H) * weight_pitch : ((r + row_jump) * H + H - 1 - k) * weight_pitch + step);
+            const long place = weight_guard + (k >= H ? (r * H + k - H) * weight_pitch
+                                                      : ((r + row_jump) * H + H - 1 - k) * weight_pitch + step);
 #pragma unroll
             for (int p = 0; p < WIDE; ++p) {
                 const int column = x - R + p * N;
                 if (column + N <= 0 || column >= width) continue;
-                if (k < 0) down[p] += ON_ROW(column, LOAD(centre, from + column));
-                else down[p] += ON_ROW(column, LOAD_WEIGHT(weights, place + column) * LOAD(share, from + column));
+                if (k < 0)
+                    down[p] += ON_ROW(column, LOAD(centre, from + column));
+                else
+                    down[p] += ON_ROW(column, LOAD_WEIGHT(weights, place + column) * LOAD(share, from + column));
             }
         }
         realN n = down[0];

@@ -22,15 +22,17 @@
 #define INDEX int
 #endif
 
-#define GRAPH_ARGS                                                                                                   \
-    const long n,                      /* number of vertices */                                                      \
-    __global const long *indptr,       /* (n + 1,) */                                                                \
-    __global const INDEX *indices,     /* (n_edges,) */                                                              \
-    __global const real *weights,      /* (n_edges,), one per directed edge: w with WEIGHTED, gamma with GAMMA */       \
+/* clang-format off */
+#define GRAPH_ARGS                                                                                                    \
+    const long n,                      /* number of vertices */                                                       \
+    __global const long *indptr,       /* (n + 1,) */                                                                 \
+    __global const INDEX *indices,     /* (n_edges,) */                                                               \
+    __global const real *weights,      /* (n_edges,), one per directed edge: w with WEIGHTED, gamma with GAMMA */     \
     __global const long *mirror        /* (n_edges,): the place of (v, u); read with GAMMA, and by adjoint */
+/* clang-format on */
 
-#define VERTEX                                                                                                       \
-    const long u = get_global_id(0);                                                                                 \
+#define VERTEX                       \
+    const long u = get_global_id(0); \
     if (u >= n) return;
 
 #define AT(u, c, channels) ((long)(u) * (channels) + (c))
@@ -43,12 +45,16 @@
 #define EDGE_FACTORS const real w = 1;
 #endif
 
-#define NEIGHBOURS                                                                                                   \
-    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                               \
-        const long v = indices[e];                                                                                   \
+/* clang-format off */
+#define NEIGHBOURS                                                                                                    \
+    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                                \
+        const long v = indices[e];                                                                                    \
         EDGE_FACTORS
+/* clang-format on */
 #define OFFSETS for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
+/* clang-format off */
 #define END }
+/* clang-format on */
 
 #define EDGE_AT(c, channels) (e * (channels) + (c))
 #define OPPOSITE_AT(c, channels) (mirror[e] * (channels) + (c))
@@ -56,7 +62,7 @@
 
 #define USED(x) (x)
 
-#define SEGMENT_BEGIN                                                                                                \
+#define SEGMENT_BEGIN \
     for (long u = (long)get_global_id(0) * segment; u < n && u < ((long)get_global_id(0) + 1) * segment; ++u) {
 #define SEGMENT_END }
 #define SEGMENT_INDEX get_global_id(0)

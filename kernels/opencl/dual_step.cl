@@ -2,10 +2,10 @@
  *
  * x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.cl). EDGE_NORM: r = |z(u, v)|, one edge for itself.
  *
- * One work item: the edges of one vertex (CSR) or of a pack of N (grid), which alone it reads and writes. A norm over all
- * edges needs them twice: z waits in the place of the result, in the nearest cache.
- * Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid
- * finds all but 2 M in the cache, on CSR also D indices; writes D M numbers.
+ * One work item: the edges of one vertex (CSR) or of a pack of N (grid), which alone it reads and writes. A norm over
+ * all edges needs them twice: z waits in the place of the result, in the nearest cache. Traffic per vertex of D
+ * neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid finds all but 2 M in
+ * the cache, on CSR also D indices; writes D M numbers.
  */
 #include "prox.cl"
 
@@ -52,7 +52,7 @@ __kernel void dual_step(
 #if PROX != 2 && !defined(EDGE_NORM)
     for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
     OFFSETS
-        for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * LOAD(out, EDGE_AT(c, M)));
-    END
+    for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * LOAD(out, EDGE_AT(c, M)));
+END
 #endif
 }

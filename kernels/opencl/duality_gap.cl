@@ -1,7 +1,7 @@
 /* sum_u [phi(|grad_w f(u)|) + phi*(|y(u, .)|) - sum_v d_w(f)(u, v) y(u, v) + |lam (f - f0) + adjoint(y)|^2 / (2 lam)]
  *
- * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); no term is below 0. EDGE_NORM:
- * phi/2 and its conjugate at every edge. Where lam is infinite there is no last term.
+ * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); no term is below 0.
+ * EDGE_NORM: phi/2 and its conjugate at every edge. Where lam is infinite there is no last term.
  *
  * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these.
  * Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges, of which a grid finds half in the cache,
@@ -10,8 +10,7 @@
 #include "prox.cl"
 
 /* phi + phi* - product of one norm. */
-#define DUALITY(c)                                                                                                   \
-    (SHARE * raise(derivative[c] + eps * eps, p / 2) / p + conjugate(dual[c], p, eps) - product[c])
+#define DUALITY(c) (SHARE * raise(derivative[c] + eps * eps, p / 2) / p + conjugate(dual[c], p, eps) - product[c])
 
 __kernel void duality_gap(
     GRAPH_ARGS,

@@ -1,8 +1,8 @@
 /* energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
  *
- * EDGE_NORM: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq. 30).
- * The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the second
- * term is left out: f = f0 there.
+ * EDGE_NORM: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq.
+ * 30). The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the
+ * second term is left out: f = f0 there.
  *
  * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these. The
  * segments depend on the graph alone, so the bits are the same on every run.

@@ -3,8 +3,8 @@
  *   out(u) = f(u) + tau (lam (f0(u) - f(u)) - p_laplacian(f)(u))
  *
  * tau is a number, or one value per vertex (TAU_ARRAY: gamma with a factor of the vertex's own is a change of variable,
- * which changes the step too); lam likewise (LAM_ARRAY). Where lam is infinite, out = f0. The p-Laplacian is eq. 12 with
- * the conductances of conductance.cl.
+ * which changes the step too); lam likewise (LAM_ARRAY). Where lam is infinite, out = f0. The p-Laplacian is eq. 12
+ * with the conductances of conductance.cl.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge
@@ -19,8 +19,8 @@
 
 __kernel void euler_step(
     GRAPH_ARGS,
-    __global const real *f,    /* M channels */
-    __global const real *f0,   /* M channels */
+    __global const real *f,  /* M channels */
+    __global const real *f0, /* M channels */
     CONDUCTANCE_ARGS,
     __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
     const real lam_,           /* not read with LAM_ARRAY */

@@ -4,8 +4,8 @@
  * each (G = M). power 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the density of
  * the energy. The power is taken of the sum, never of a root.
  *
- * EDGE_NORM: (sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power)^power instead, over the edges whose gamma is not 0; p/2 and 1/p
- * give the L^p norm of eq. 10.
+ * EDGE_NORM: (sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power)^power instead, over the edges whose gamma is not 0; p/2 and
+ * 1/p give the L^p norm of eq. 10.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the

@@ -6,15 +6,15 @@
  * multiple of N; lanes past the end of a row hold no vertex, compute along, and are 0 in every function that is read.
  * `guard` cells before and after all rows keep the reads of border packs inside the buffer.
  * Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one
- * sweep streams through them: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. A plane's
- * tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads 0.
- * Functions on the edges (gamma with GAMMA among them) lie in the same way, for the whole window of 2 H offsets: channel
- * c of offset k takes the place of weight k * channels + c; 0 where an edge leaves the grid.
+ * sweep streams through them: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. A
+ * plane's tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads
+ * 0. Functions on the edges (gamma with GAMMA among them) lie in the same way, for the whole window of 2 H offsets:
+ * channel c of offset k takes the place of weight k * channels + c; 0 where an edge leaves the grid.
  *
- * The window. A loop over the neighbours must not look up each offset and ask whether its row exists. Its offsets come as
- * runs: offsets next to each other on one row, so that all this is asked once a run, and the loop inside moves by one
- * cell and one plane of weights a turn. A small window is compiled in (WINDOW offsets, of WINDOW_ROWS and WINDOW_STEPS)
- * and unrolled: no table, no loop. One binary serves all wide windows.
+ * The window. A loop over the neighbours must not look up each offset and ask whether its row exists. Its offsets come
+ * as runs: offsets next to each other on one row, so that all this is asked once a run, and the loop inside moves by
+ * one cell and one plane of weights a turn. A small window is compiled in (WINDOW offsets, of WINDOW_ROWS and
+ * WINDOW_STEPS) and unrolled: no table, no loop. One binary serves all wide windows.
  */
 #ifndef GRID_CL
 #define GRID_CL
@@ -31,45 +31,52 @@ typedef ushort weight_t;
 typedef real weight_t;
 #endif
 
-#define GRAPH_ARGS                                                                                                   \
-    const int width,                     /* cells in a row */                                                        \
-    const int n_rows,                                                                                                \
-    const long pitch,                                                                                                \
-    const long plane,                                                                                                \
-    const long guard,                                                                                                \
-    const int H,                         /* forward offsets, half the window */                                      \
-    const int reach,                     /* largest step along a row */                                              \
-    __global const int *shape,           /* (NDIM,) */                                                               \
-    __global const int *offsets,         /* (2 H, NDIM), lexicographic; the opposite of k is 2 H - 1 - k */          \
-    __global const int *row_jumps,       /* (2 H,): rows from a vertex to its neighbour */                           \
-    const int n_runs,                                                                                                \
-    __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */ \
-    const long weight_pitch,                                                                                         \
-    const long weight_guard,                                                                                         \
-    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED what they compare */    \
-    __global const real *nearness,       /* (H,): spatial factors of the weights; read with RECOMPUTED */            \
-    const real weight_shift,             /* these two likewise */                                                    \
+/* clang-format off */
+#define GRAPH_ARGS                                                                                                    \
+    const int width,                     /* cells in a row */                                                         \
+    const int n_rows,                                                                                                 \
+    const long pitch,                                                                                                 \
+    const long plane,                                                                                                 \
+    const long guard,                                                                                                 \
+    const int H,                         /* forward offsets, half the window */                                       \
+    const int reach,                     /* largest step along a row */                                               \
+    __global const int *shape,           /* (NDIM,) */                                                                \
+    __global const int *offsets,         /* (2 H, NDIM), lexicographic; the opposite of k is 2 H - 1 - k */           \
+    __global const int *row_jumps,       /* (2 H,): rows from a vertex to its neighbour */                            \
+    const int n_runs,                                                                                                 \
+    __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */  \
+    const long weight_pitch,                                                                                          \
+    const long weight_guard,                                                                                          \
+    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED what they compare */   \
+    __global const real *nearness,       /* (H,): spatial factors of the weights; read with RECOMPUTED */             \
+    const real weight_shift,             /* these two likewise */                                                     \
     const real weight_scale
+/* clang-format on */
 
-/* With HALF_WEIGHTS weights are stored in float16: off by at most 2^-11 of their size, or 2^-25 below 2^-14. They are not
- * negative, so that their bits, moved to the place they have in a float32, are the number times 2^-112, exactly. */
+/* With HALF_WEIGHTS weights are stored in float16: off by at most 2^-11 of their size, or 2^-25 below 2^-14. They are
+ * not negative, so that their bits, moved to the place they have in a float32, are the number times 2^-112, exactly. */
 #ifdef HALF_WEIGHTS
 #define HALF_UNIT 5.192296858534828e33f /* 2^112 */
 #if N == 1
 #define LOAD_WEIGHT(p, i) ((real)(as_float((uint)(p)[i] << 13) * HALF_UNIT))
 #else
 typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
-#define LOAD_WEIGHT(p, i) CONCATENATE(CONCATENATE(convert_, REAL_), N)(                                              \
-    CONCATENATE(as_float, N)(CONCATENATE(convert_uint, N)(*(__global const ushortN_anywhere *)((p) + (i))) << 13) * HALF_UNIT)
+#define LOAD_WEIGHT(p, i)                                                                          \
+    CONCATENATE(CONCATENATE(convert_, REAL_), N)(                                                  \
+        CONCATENATE(as_float, N)(                                                                  \
+            CONCATENATE(convert_uint, N)(*(__global const ushortN_anywhere *)((p) + (i))) << 13) * \
+        HALF_UNIT)
 #endif
 #else
 #define LOAD_WEIGHT(p, i) LOAD(p, i)
 #endif
 
 /* The same as arguments of a call. */
-#define GRAPH                                                                                                        \
-    width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch, weight_guard, weights, \
-    nearness, weight_shift, weight_scale
+/* clang-format off */
+#define GRAPH                                                                                                         \
+    width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch,              \
+    weight_guard, weights, nearness, weight_shift, weight_scale
+/* clang-format on */
 
 /* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
 #if NDIM == 1
@@ -79,8 +86,8 @@ typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
 #define ROW_COORDINATES
 #define ROW_EXISTS(k) (row + offsets[(k) * 2] >= 0 && row + offsets[(k) * 2] < n_rows)
 #else
-#define ROW_COORDINATES                                                                                              \
-    int place[NDIM - 1];                                                                                             \
+#define ROW_COORDINATES  \
+    int place[NDIM - 1]; \
     for (int d = NDIM - 2, rest = row; d >= 0; rest /= shape[d], --d) place[d] = rest % shape[d];
 #define ROW_EXISTS(k) row_exists(place, shape, offsets + (long)(k) * NDIM)
 static inline bool row_exists(const int *place, __global const int *shape, __global const int *offset)
@@ -93,37 +100,42 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 
 /* Of a pack with inner_columns no neighbour is past an end of its row; with inner_rows all neighbouring rows exist, so
  * that no one asks. */
-#define PACK_AT(x_, row_)                                                                                            \
-    const int x = (x_), row = (row_);                                                                                \
-    const bool inner_columns = x >= reach && x + N + reach <= width, inner_rows = false;                             \
+#define PACK_AT(x_, row_)                                                                \
+    const int x = (x_), row = (row_);                                                    \
+    const bool inner_columns = x >= reach && x + N + reach <= width, inner_rows = false; \
     PACK_OF(x, row)
-#define PACK_OF(x, row)                                                                                              \
-    const long u = guard + (row) * pitch + (x);                                                                      \
-    const laneN used = (x) + LANES < width;                                                                          \
+#define PACK_OF(x, row)                         \
+    const long u = guard + (row) * pitch + (x); \
+    const laneN used = (x) + LANES < width;     \
     ROW_COORDINATES
 
-#define VERTEX                                                                                                       \
-    if ((int)get_global_id(0) * N >= width || (int)get_global_id(1) >= n_rows) return;                               \
+#define VERTEX                                                                         \
+    if ((int)get_global_id(0) * N >= width || (int)get_global_id(1) >= n_rows) return; \
     PACK_AT((int)get_global_id(0) * N, (int)get_global_id(1))
 
 #define AT(u, c, channels) ((u) + (c) * plane)
 
 #define EDGE_AT(c, channels) (weight_guard + (((long)row * 2 * H + k) * (channels) + (c)) * weight_pitch + x)
-#define OPPOSITE_AT(c, channels)                                                                                     \
+#define OPPOSITE_AT(c, channels) \
     (weight_guard + (((long)(row + row_jump) * 2 * H + (2 * H - 1 - k)) * (channels) + (c)) * weight_pitch + x + step)
-#define CLEAR_EDGES(p, channels)                                                                                     \
-    for (int k = 0; k < 2 * H; ++k)                                                                                  \
+#define CLEAR_EDGES(p, channels)    \
+    for (int k = 0; k < 2 * H; ++k) \
         for (int c = 0; c < (channels); ++c) STORE(p, EDGE_AT(c, channels), (realN)(0));
 
 #ifdef RECOMPUTED
 #ifndef Q
 #define Q 1
 #endif
-/* The weight s exp2(scale max(|F(u) - F(v)|^2 - shift, 0)) of the Q channels F that `compared` holds as a function; with
- * MASKED_WEIGHTS one more says which cells are in the mask. An exponential for each end of an edge at each use: slower
- * than to load the weight through a wide window, but nothing is stored per edge. */
+/* The weight s exp2(scale max(|F(u) - F(v)|^2 - shift, 0)) of the Q channels F that `compared` holds as a function;
+ * with MASKED_WEIGHTS one more says which cells are in the mask. An exponential for each end of an edge at each use:
+ * slower than to load the weight through a wide window, but nothing is stored per edge. */
 static inline realN recomputed(
-    __global const real *compared, const long plane, const long u, const long v, const real near, const real shift,
+    __global const real *compared,
+    const long plane,
+    const long u,
+    const long v,
+    const real near,
+    const real shift,
     const real scale)
 {
     realN rho = 0;
@@ -145,23 +157,21 @@ static inline realN recomputed(
  * compute is dropped. */
 #ifdef GAMMA
 #define EDGE_PLACE
-#define EDGE_FACTORS                                                                                                 \
-    const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));
+#define EDGE_FACTORS const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));
 #elif defined(WEIGHTED)
-#define EDGE_PLACE                                                                                                   \
-    const long place =                                                                                               \
-        weight_guard + (forward ? ((long)row * HALF + (k - HALF)) * weight_pitch                                     \
+#define EDGE_PLACE                                                               \
+    const long place =                                                           \
+        weight_guard + (forward ? ((long)row * HALF + (k - HALF)) * weight_pitch \
                                 : ((long)(row + row_jump) * HALF + (HALF - 1 - k)) * weight_pitch + step);
 #define EDGE_FACTORS const realN w = LOAD_WEIGHT(weights, place + x);
 #elif defined(RECOMPUTED)
-#define EDGE_PLACE                                                                                                   \
-    const real near = nearness[k >= HALF ? k - HALF : HALF - 1 - k];
-#define EDGE_FACTORS                                                                                                 \
-    realN w = recomputed(weights, plane, u, v, near, weight_shift, weight_scale);                                    \
+#define EDGE_PLACE const real near = nearness[k >= HALF ? k - HALF : HALF - 1 - k];
+#define EDGE_FACTORS                                                              \
+    realN w = recomputed(weights, plane, u, v, near, weight_shift, weight_scale); \
     if (!inner_columns) w = WHERE(x + LANES + step >= 0 && x + LANES + step < width, w);
 #else
 #define EDGE_PLACE
-#define EDGE_FACTORS                                                                                                 \
+#define EDGE_FACTORS \
     const realN w = inner_columns ? (realN)(1) : WHERE(x + LANES + step >= 0 && x + LANES + step < width, 1);
 #endif
 
@@ -174,35 +184,41 @@ __constant const int window_rows[] = {WINDOW_ROWS};
 #define WINDOW_ROW(k) window_rows[k]
 #endif
 #define HALF (WINDOW / 2)
-#define OFFSETS                                                                                                      \
-    _Pragma("unroll") for (int k = 0; k < WINDOW; ++k) {                                                             \
-        const int row_jump = WINDOW_ROW(k), step = window_steps[k];                                                  \
-        const bool forward = k >= HALF;                                                                              \
-        if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                               \
-        const long v = u + row_jump * pitch + step;                                                                  \
+/* clang-format off */
+#define OFFSETS                                                                                                       \
+    _Pragma("unroll") for (int k = 0; k < WINDOW; ++k) {                                                              \
+        const int row_jump = WINDOW_ROW(k), step = window_steps[k];                                                   \
+        const bool forward = k >= HALF;                                                                               \
+        if (!inner_rows && (row + row_jump < 0 || row + row_jump >= n_rows)) continue;                                \
+        const long v = u + row_jump * pitch + step;                                                                   \
         EDGE_PLACE
 #define END }
+/* clang-format on */
 #else
 #define HALF H
-#define OFFSETS                                                                                                      \
-    for (int run = 0; run < n_runs; ++run) {                                                                         \
-        const int first = runs[3 * run], from = runs[3 * run + 1], last = first + runs[3 * run + 2];                 \
-        if (!inner_rows && !ROW_EXISTS(first)) continue;                                                             \
-        const int row_jump = row_jumps[first];                                                                       \
-        const bool forward = 2 * run >= n_runs;                                                                      \
-        for (int k = first; k < last; ++k) {                                                                         \
-            const int step = from + k - first;                                                                       \
-            const long v = u + row_jump * pitch + step;                                                              \
+/* clang-format off */
+#define OFFSETS                                                                                                       \
+    for (int run = 0; run < n_runs; ++run) {                                                                          \
+        const int first = runs[3 * run], from = runs[3 * run + 1], last = first + runs[3 * run + 2];                  \
+        if (!inner_rows && !ROW_EXISTS(first)) continue;                                                              \
+        const int row_jump = row_jumps[first];                                                                        \
+        const bool forward = 2 * run >= n_runs;                                                                       \
+        for (int k = first; k < last; ++k) {                                                                          \
+            const int step = from + k - first;                                                                        \
+            const long v = u + row_jump * pitch + step;                                                               \
             EDGE_PLACE
 #define END }}
+/* clang-format on */
 #endif
-#define NEIGHBOURS OFFSETS EDGE_FACTORS
+#define NEIGHBOURS \
+    OFFSETS        \
+    EDGE_FACTORS
 
 #define USED(x) WHERE(used, x)
 
-#define SEGMENT_BEGIN                                                                                                \
-    for (int begin = get_global_id(0) * (int)segment * N; begin < width && begin < (int)(get_global_id(0) + 1) * (int)segment * N; \
-         begin += N) {                                                                                               \
+#define SEGMENT_BEGIN                                                                           \
+    for (int begin = get_global_id(0) * (int)segment * N;                                       \
+         begin < width && begin < (int)(get_global_id(0) + 1) * (int)segment * N; begin += N) { \
         PACK_AT(begin, (int)get_global_id(1))
 #define SEGMENT_END }
 #define SEGMENT_INDEX (get_global_id(1) * get_global_size(0) + get_global_id(0))

@@ -11,9 +11,9 @@
  * reads what another one writes. In the first round it goes down the lines and up again, each there and back, which
  * brings most vertices to rest where sources are many; in later ones it looks at those that have neighbours in other
  * blocks. Then it goes on from the vertices that moved last as Dijkstra does, the least first, by a heap. On a GPU a
- * block is one vertex, on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round reads
- * 4 K lengths and 4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex that
- * passes the heap.
+ * block is one vertex, on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round
+ * reads 4 K lengths and 4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex
+ * that passes the heap.
  *
  * On a grid an edge has its length at the end that comes first, (guard + n, H) with guard vertices of -1 before; a
  * length below 0 is no edge, as where it would leave the grid or the mask. A stored graph has one per directed edge.
@@ -26,51 +26,65 @@
 #endif
 
 #ifdef GRID
-#define EDGES_ARGS                                                                                                   \
-    const long guard,                  /* vertices of -1 before the first: the largest jump */                       \
-    __global const long *jumps,        /* (H,): from a vertex to its forward neighbours */                           \
+/* clang-format off */
+#define EDGES_ARGS                                                                                                    \
+    const long guard,                  /* vertices of -1 before the first: the largest jump */                        \
+    __global const long *jumps,        /* (H,): from a vertex to its forward neighbours */                            \
     __global const int *lengths        /* (guard + n, H) */
+/* clang-format on */
 #define EDGES guard, jumps, lengths
 /* A loop over the neighbours v of u, with the length of the edge. */
-#define NEIGHBOURS                                                                                                   \
-    for (int k = 0; k < 2 * H; ++k) {                                                                                \
-        const int h = k < H ? k : k - H;                                                                             \
-        const long v = k < H ? u - jumps[h] : u + jumps[h];                                                          \
-        const int length = lengths[(guard + (k < H ? v : u)) * H + h];                                               \
+/* clang-format off */
+#define NEIGHBOURS                                                                                                    \
+    for (int k = 0; k < 2 * H; ++k) {                                                                                 \
+        const int h = k < H ? k : k - H;                                                                              \
+        const long v = k < H ? u - jumps[h] : u + jumps[h];                                                           \
+        const int length = lengths[(guard + (k < H ? v : u)) * H + h];                                                \
         if (length < 0) continue;
+/* clang-format on */
 #else
-#define EDGES_ARGS                                                                                                   \
-    __global const long *indptr,       /* (n + 1,) */                                                                \
-    __global const INDEX *indices,     /* (n_edges,) */                                                              \
+/* clang-format off */
+#define EDGES_ARGS                                                                                                    \
+    __global const long *indptr,       /* (n + 1,) */                                                                 \
+    __global const INDEX *indices,     /* (n_edges,) */                                                               \
     __global const int *lengths        /* (n_edges,) */
+/* clang-format on */
 #define EDGES indptr, indices, lengths
-#define NEIGHBOURS                                                                                                   \
-    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                               \
-        const long v = indices[e];                                                                                   \
-        const int length = lengths[e];                                                                               \
+/* clang-format off */
+#define NEIGHBOURS                                                                                                    \
+    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                                \
+        const long v = indices[e];                                                                                    \
+        const int length = lengths[e];                                                                                \
         if (length < 0) continue;
+/* clang-format on */
 #endif
+/* clang-format off */
 #define END }
+/* clang-format on */
 
 #define WITHIN(v) ((v) >= begin && (v) < end)
 
 /* What the functions below are told of a work item's block, and of the heap in it. */
-#define BLOCK_ARGS                                                                                                   \
-    const long begin,                                                                                                \
-    const long end,                                                                                                  \
-    EDGES_ARGS,                                                                                                      \
-    const long hop,                                                                                                  \
-    __global const long *mu,                                                                                         \
-    __global const long *tag,                                                                                        \
-    __global long *mu_out,                                                                                           \
+/* clang-format off */
+#define BLOCK_ARGS                                                                                                    \
+    const long begin,                                                                                                 \
+    const long end,                                                                                                   \
+    EDGES_ARGS,                                                                                                       \
+    const long hop,                                                                                                   \
+    __global const long *mu,                                                                                          \
+    __global const long *tag,                                                                                         \
+    __global long *mu_out,                                                                                            \
     __global long *tag_out
+/* clang-format on */
 #define BLOCK begin, end, EDGES, hop, mu, tag, mu_out, tag_out
-#define HEAP_ARGS                                                                                                    \
-    const long begin,                                                                                                \
-    __global const long *mu_out,                                                                                     \
-    __global const long *tag_out,                                                                                    \
-    __global int *heap,                                                                                              \
+/* clang-format off */
+#define HEAP_ARGS                                                                                                     \
+    const long begin,                                                                                                 \
+    __global const long *mu_out,                                                                                      \
+    __global const long *tag_out,                                                                                     \
+    __global int *heap,                                                                                               \
     __global int *place
+/* clang-format on */
 #define HEAP begin, mu_out, tag_out, heap + begin, place
 
 /* Give vertex u the best that its neighbours offer; whether that is less than what it had. */
@@ -157,21 +171,21 @@ static void sink(const long u, const int size, HEAP_ARGS)
 #define SINK(u) sink(u, size, HEAP)
 
 __kernel void influence_zones(
-    const long n,                      /* number of vertices */
+    const long n, /* number of vertices */
     EDGES_ARGS,
-    const long block,                  /* vertices of a work item, less than 2^31 */
-    const long line,                   /* vertices of a line */
-    const long reach,                  /* vertices at either end of a block to look at; the whole block: all, in lines */
-    const long hop,                    /* what an edge adds to a tag: 2^32, or 0 */
-    __global const long *mu,           /* (n,) */
-    __global const long *tag,          /* (n,) */
+    const long block,         /* vertices of a work item, less than 2^31 */
+    const long line,          /* vertices of a line */
+    const long reach,         /* vertices at either end of a block to look at; the whole block: all, in lines */
+    const long hop,           /* what an edge adds to a tag: 2^32, or 0 */
+    __global const long *mu,  /* (n,) */
+    __global const long *tag, /* (n,) */
     /* scratch */
-    __global int *place,               /* (n,): 0 at first, and after */
-    __global int *heap,                /* (n,) */
+    __global int *place, /* (n,): 0 at first, and after */
+    __global int *heap,  /* (n,) */
     /* output */
-    __global long *mu_out,             /* (n,) */
-    __global long *tag_out,            /* (n,) */
-    __global int *changed)             /* one number per work item: whether anything in its block moved */
+    __global long *mu_out,  /* (n,) */
+    __global long *tag_out, /* (n,) */
+    __global int *changed)  /* one number per work item: whether anything in its block moved */
 {
     const long item = get_global_id(0), begin = item * block, end = min(begin + block, n);
     if (begin >= n) return;
@@ -179,7 +193,7 @@ __kernel void influence_zones(
         mu_out[u] = mu[u];
         tag_out[u] = tag[u];
     }
-    if (block == 1) {                  /* without the scratch */
+    if (block == 1) { /* without the scratch */
         changed[item] = RELAX(begin);
         return;
     }

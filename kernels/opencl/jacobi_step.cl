@@ -3,9 +3,9 @@
  *   J(u)   = (lam f0(u) + sum_v beta(u, v) f(v)) / (lam + sum_v alpha(u, v))
  *   out(u) = f(u) + theta (J(u) - f(u))
  *
- * alpha = gamma(u, v)^2 c(u, v), beta = gamma(u, v) gamma(v, u) c(u, v), c the conductance of the edge (conductance.cl).
- * lam is a number, or one value per vertex (LAM_ARRAY). Where lam is infinite, or the denominator is not above SMALLEST
- * (lam and all weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
+ * alpha = gamma(u, v)^2 c(u, v), beta = gamma(u, v) gamma(v, u) c(u, v), c the conductance of the edge
+ * (conductance.cl). lam is a number, or one value per vertex (LAM_ARRAY). Where lam is infinite, or the denominator is
+ * not above SMALLEST (lam and all weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
  * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge
@@ -20,8 +20,8 @@
 
 __kernel void jacobi_step(
     GRAPH_ARGS,
-    __global const real *f,    /* M channels */
-    __global const real *f0,   /* M channels */
+    __global const real *f,  /* M channels */
+    __global const real *f0, /* M channels */
     CONDUCTANCE_ARGS,
     __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
     const real lam_,           /* not read with LAM_ARRAY */

@@ -3,15 +3,15 @@
  *                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and -DMAPS
  *
  * The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor
- * s. Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
- * f comes padded by the patch's radius (numpy's "reflect"), so that no read of a patch leaves it: one work item never
- * asks where the border is.
+ * s. Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the
+ * distance. f comes padded by the patch's radius (numpy's "reflect"), so that no read of a patch leaves it: one work
+ * item never asks where the border is.
  *
  * Grid: one work item gives the weights of all forward offsets on a block of cells (strip.cl says how, and at what
  * arithmetic), in the layout of grid.cl, the zeros that lead out of the grid or the mask included.
- * CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred in the padded f.
- * Traffic per edge of a patch of P offsets: on a grid all from the cache, on CSR reads 2 P M values, nearly all from the
- * cache; writes one number. Arithmetic per edge on CSR: 3 P M operations.
+ * CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred in the padded
+ * f. Traffic per edge of a patch of P offsets: on a grid all from the cache, on CSR reads 2 P M values, nearly all from
+ * the cache; writes one number. Arithmetic per edge on CSR: 3 P M operations.
  */
 #ifdef GRID
 #include "strip.cl"
@@ -30,7 +30,8 @@
 #define WEIGHT(rho, k, u, v) (rho)
 #endif
 
-/* In float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
+/* In float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS).
+ * */
 #ifdef HALF_WEIGHTS
 typedef ushort weight_t;
 #if N == 1
@@ -56,10 +57,10 @@ typedef real weight_t;
 
 ALONE __kernel void patch_distance(
     STRIP_ARGS,
-    const long weight_pitch,           /* of the weights, which lie as grid.cl says */
+    const long weight_pitch, /* of the weights, which lie as grid.cl says */
     const long weight_guard,
     /* output */
-    __global weight_t *out)            /* weights */
+    __global weight_t *out) /* weights */
 {
     STRIP_PLACE
     if (x0 >= width_) return;
@@ -84,18 +85,21 @@ ALONE __kernel void patch_distance(
     }
 }
 #else
-#define PATCH_ARGS                                                                                                   \
-    __global const real *padded,       /* M channels of padded_plane values each */                                  \
-    const long padded_plane,                                                                                         \
-    const int n_patch,                                                                                               \
-    __global const long *patch_jumps,  /* (n_patch,): steps inside padded */                                         \
-    __global const real *g,            /* (n_patch,) */                                                              \
-    const real shift,                                                                                                \
-    const real scale,                  /* -log2(e)/h^2 */                                                            \
+/* clang-format off */
+#define PATCH_ARGS                                                                                                    \
+    __global const real *padded,       /* M channels of padded_plane values each */                                   \
+    const long padded_plane,                                                                                          \
+    const int n_patch,                                                                                                \
+    __global const long *patch_jumps,  /* (n_patch,): steps inside padded */                                          \
+    __global const real *g,            /* (n_patch,) */                                                               \
+    const real shift,                                                                                                 \
+    const real scale,                  /* -log2(e)/h^2 */                                                             \
     const real cut                     /* exponentials below it count as 0 */
+/* clang-format on */
 
 #ifdef MAPS
-#define KEPT(rho, u, v) (fmax((rho) - shift - (maps[2 * (u)] + maps[2 * (v)]), (real)0) * (maps[2 * (u) + 1] * maps[2 * (v) + 1]))
+#define KEPT(rho, u, v) \
+    (fmax((rho) - shift - (maps[2 * (u)] + maps[2 * (v)]), (real)0) * (maps[2 * (u) + 1] * maps[2 * (v) + 1]))
 #else
 #define KEPT(rho, u, v) fmax((rho) - shift, (real)0)
 #endif
@@ -107,8 +111,13 @@ static inline real unless_cut(const real w, const real cut) { return w >= cut ? 
 #endif
 
 static inline realN patch_distance_between(
-    __global const real *padded, const long padded_plane, const int n_patch, __global const long *patch_jumps,
-    __global const real *g, const long a, const long b)
+    __global const real *padded,
+    const long padded_plane,
+    const int n_patch,
+    __global const long *patch_jumps,
+    __global const real *g,
+    const long a,
+    const long b)
 {
     realN rho = 0;
     for (int c = 0; c < M; ++c)
@@ -123,11 +132,11 @@ static inline realN patch_distance_between(
 __kernel void patch_distance(
     GRAPH_ARGS,
     PATCH_ARGS,
-    __global const long *site,     /* (n,) */
-    __global const real *spatial,  /* (n_edges,); not read without SPATIAL */
-    __global const real *maps,     /* (n, 2): a and q; not read without MAPS */
+    __global const long *site,    /* (n,) */
+    __global const real *spatial, /* (n_edges,); not read without SPATIAL */
+    __global const real *maps,    /* (n, 2): a and q; not read without MAPS */
     /* output */
-    __global real *out)            /* (n_edges,) */
+    __global real *out) /* (n_edges,) */
 {
     VERTEX
     for (long e = indptr[u]; e < indptr[u + 1]; ++e) {

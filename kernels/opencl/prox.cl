@@ -6,8 +6,8 @@
  *   0   any p >= 1, eps >= 0: Newton's method     1   p = 1, eps = 0     2   p = 2     3   p > 1, eps = 0
  *
  * 1 and 2 have closed forms, 3 one for the conjugate. Newton starts on the side from which it goes straight there: phi'
- * is concave for p < 2, so below, and convex for p > 2, so above. On its way nothing is NaN: squares that underflow to 0
- * or overflow have their limits in the place of quotients.
+ * is concave for p < 2, so below, and convex for p > 2, so above. On its way nothing is NaN: squares that underflow to
+ * 0 or overflow have their limits in the place of quotients.
  */
 #ifndef PROX_CL
 #define PROX_CL
@@ -100,8 +100,8 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
     return t;
 }
 
-/* What a proximal step multiplies z with, given |z|^2: length s over length r, 1 at z = 0. For p = 1 the result is inside
- * the ball in spite of the roundings of a norm: the certificate needs that. */
+/* What a proximal step multiplies z with, given |z|^2: length s over length r, 1 at z = 0. For p = 1 the result is
+ * inside the ball in spite of the roundings of a norm: the certificate needs that. */
 #define BALL (SHARE * (1 - 32 * ROUNDING))
 static inline realN prox_factor(const realN square, const real sigma, const real p, const real eps)
 {

@@ -86,10 +86,11 @@ typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 /* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
 #define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
 
-/* x^power = 2^(power log2 x) for x > 0. Measured on 65536 numbers from e^-80 to e^80, nine powers, both types: 3.4 roundings
- * off at most, where pow may be 32; and it takes a pack at once, where PoCL's pow goes lane by lane. With x = 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x
- * comes off power e in one fma, so that no digit of the rest is lost. log2 m is the series of the inverse hyperbolic
- * tangent of (m - 1)/(m + 1), cut where its terms are below a rounding; for 2^r see exp2_of. What is below the normal numbers is 0. */
+/* x^power = 2^(power log2 x) for x > 0. Measured on 65536 numbers from e^-80 to e^80, nine powers, both types: 3.4
+ * roundings off at most, where pow may be 32; and it takes a pack at once, where PoCL's pow goes lane by lane. With x =
+ * 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x comes off power e in one fma, so that no digit of
+ * the rest is lost. log2 m is the series of the inverse hyperbolic tangent of (m - 1)/(m + 1), cut where its terms are
+ * below a rounding; for 2^r see exp2_of. What is below the normal numbers is 0. */
 #ifdef DOUBLE
 #define MANTISSA 52
 #define LEAST_NORMAL 2.2250738585072014e-308
@@ -198,9 +199,9 @@ static inline realN raise(const realN x, const real power)
     return usual ? power_of(usual ? x : (realN)(1), power) : power > 0 ? x : 1 / x;
 }
 
-/* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The nearest
- * whole power falls out of the last bits of a sum with 1.5 2^23; it is put on the exponent of 2^r, r the rest. Ten
- * operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
+/* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The
+ * nearest whole power falls out of the last bits of a sum with 1.5 2^23; it is put on the exponent of 2^r, r the rest.
+ * Ten operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
 static inline realN exp2_scaled(const realN x, const real scale)
 {
 #ifdef DOUBLE
@@ -215,14 +216,33 @@ static inline realN exp2_scaled(const realN x, const real scale)
 
 /* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */
 #if defined(DOUBLE) || defined(SUM_DOUBLE)
-typedef struct { double sum; } long_sum;
-static inline long_sum sum_start(void) { long_sum s; s.sum = 0; return s; }
-static inline long_sum sum_add(long_sum s, const real x) { s.sum += (double)x; return s; }
+typedef struct {
+    double sum;
+} long_sum;
+static inline long_sum sum_start(void)
+{
+    long_sum s;
+    s.sum = 0;
+    return s;
+}
+static inline long_sum sum_add(long_sum s, const real x)
+{
+    s.sum += (double)x;
+    return s;
+}
 static inline double sum_value(const long_sum s) { return s.sum; }
 typedef double sum_t;
 #else
-typedef struct { float sum, lost; } long_sum;
-static inline long_sum sum_start(void) { long_sum s; s.sum = 0; s.lost = 0; return s; }
+typedef struct {
+    float sum, lost;
+} long_sum;
+static inline long_sum sum_start(void)
+{
+    long_sum s;
+    s.sum = 0;
+    s.lost = 0;
+    return s;
+}
 static inline long_sum sum_add(long_sum s, const real x)
 {
     const float t = s.sum + x;
@@ -261,9 +281,11 @@ static inline real largest_lane(const realN x)
 
 /* What a sum or a function is divided by: a number, or with OVER a function of OVER channels, 1 or M. Lanes without a
  * vertex divide 0 by 0: USED. */
-#define OVER_ARGS                                                                                                    \
-    __global const real *overs, /* OVER channels; not read without */                                                \
+/* clang-format off */
+#define OVER_ARGS                                                                                                     \
+    __global const real *overs, /* OVER channels; not read without */                                                 \
     const real over_            /* not read with OVER */
+/* clang-format on */
 #ifdef OVER
 #define OVER_OF(x, c) ((x) / LOAD(overs, AT(u, OVER == 1 ? 0 : (c), OVER)))
 #else

@@ -3,21 +3,21 @@
  *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
  *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
  *   or, with A, the sum of these over the pairs (u - j, v - j), |j| <= A along either axis: patches averaged by weight;
- *   with MAPS as patch_distance.cl says; with LARGEST lam counts in units of the largest weight around u (not with PAIRS)
+ *   with MAPS as patch_distance.cl says; with LARGEST lam counts in units of the largest weight around u (not PAIRS)
  *
- * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is infinite,
- * or the denominator is not above SMALLEST, out = f0.
+ * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is
+ * infinite, or the denominator is not above SMALLEST, out = f0.
  *
  * One work item: a block of cells (strip.cl). By default it sums over the whole window of its cells. On two axes a CPU
  * takes two launches instead, in which each weight is computed once for both its ends:
- *   PAIRS   over the forward half of the window, ordered by its last axis; a work item adds a weight's part to both ends, in
- *           sums of its own that reach beyond its block, and leaves these in a slot of `slots`: no two work items write
- *           one number. For one step dx along the rows, the sums of the far ends stay in the lanes of the near ones (`far`);
- *           they are moved by dx once, not at every offset.
+ *   PAIRS   over the forward half of the window, ordered by its last axis; a work item adds a weight's part to both
+ *           ends, in sums of its own that reach beyond its block, and leaves these in a slot of `slots`: no two work
+ *           items write one number. For one step dx along the rows, the sums of the far ends stay in the lanes of the
+ *           near ones (`far`); they are moved by dx once, not at every offset.
  *   SLOTS   adds for each cell of a block the slots that reach it, in a fixed order, and finishes.
- * Traffic per vertex: nearly all from the cache but M + Q values, lam and f0; writes M numbers; with PAIRS about 4 (1 + M)
- * numbers of slots more, written and read.
- * Arithmetic per edge: strip.cl's, 11 for the exponential, and 1 + 2 M; with PAIRS per two edges, but twice 1 + 2 M.
+ * Traffic per vertex: nearly all from the cache but M + Q values, lam and f0; writes M numbers; with PAIRS about 4 (1 +
+ * M) numbers of slots more, written and read. Arithmetic per edge: strip.cl's, 11 for the exponential, and 1 + 2 M;
+ * with PAIRS per two edges, but twice 1 + 2 M.
  */
 #include "strip.cl"
 
@@ -37,30 +37,42 @@
 #define UNIT_OF_LAM(i) 1
 #endif
 
-#define SUMS (1 + M)                             /* of the weights, and of each channel */
-#define SLOT_PITCH (B * N + 2 * SIDE)            /* a row of one of the sums in a slot */
-#define SLOT ((S + REACH) * SUMS * SLOT_PITCH)   /* numbers in a slot */
+#define SUMS (1 + M)                           /* of the weights, and of each channel */
+#define SLOT_PITCH (B * N + 2 * SIDE)          /* a row of one of the sums in a slot */
+#define SLOT ((S + REACH) * SUMS * SLOT_PITCH) /* numbers in a slot */
 
-#define FUNCTION_ARGS                                                                                                \
-    const long pitch,                  /* of functions, which lie as grid.cl says */                                 \
-    const long plane,                                                                                                \
-    const long guard,                                                                                                \
-    __global const real *f0,           /* M channels */                                                              \
-    __global const real *lams,         /* 1 channel; not read without LAM_ARRAY */                                   \
-    const real lam_,                   /* not read with LAM_ARRAY */                                                 \
-    /* output */                                                                                                     \
+/* clang-format off */
+#define FUNCTION_ARGS                                                                                                 \
+    const long pitch,                  /* of functions, which lie as grid.cl says */                                  \
+    const long plane,                                                                                                 \
+    const long guard,                                                                                                 \
+    __global const real *f0,           /* M channels */                                                               \
+    __global const real *lams,         /* 1 channel; not read without LAM_ARRAY */                                    \
+    const real lam_,                   /* not read with LAM_ARRAY */                                                  \
+    /* output */                                                                                                      \
     __global real *out                 /* M channels; not f */
 
-#define SLOT_ARGS                                                                                                    \
-    const int first,                   /* strip of the launch's first work item */                                   \
-    const int blocks,                  /* in a strip */                                                              \
+#define SLOT_ARGS                                                                                                     \
+    const int first,                   /* strip of the launch's first work item */                                    \
+    const int blocks,                  /* in a strip */                                                               \
     const int ring                     /* strips that there are slots for; strip i has those of i modulo ring */
+/* clang-format on */
 
 /* The new value of the pack x of row `row` from half its sums of weights and of weighted values. */
 static inline void finish(
-    const realN total, const realN *pull, const int x, const long row, const int width,
-    const long pitch, const long plane, const long guard,
-    __global const real *f0, __global const real *lams, const real lam_, const realN unit, __global real *out)
+    const realN total,
+    const realN *pull,
+    const int x,
+    const long row,
+    const int width,
+    const long pitch,
+    const long plane,
+    const long guard,
+    __global const real *f0,
+    __global const real *lams,
+    const real lam_,
+    const realN unit,
+    __global real *out)
 {
     const long u = guard + row * pitch + x;
 #ifdef LAM_ARRAY
@@ -79,7 +91,7 @@ static inline void finish(
         STORE(out, u + c * plane, WHERE(x + LANES < width, keeps_data ? data : moved));
     }
 }
-#define FINISH(total, pull, x, row, unit)                                                                              \
+#define FINISH(total, pull, x, row, unit) \
     finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, (realN)(unit), out)
 
 #ifdef SLOTS
@@ -87,7 +99,7 @@ ALONE __kernel void similarity_step(
     const int height_,
     const int width_,
     SLOT_ARGS,
-    __global const real *slots,        /* ring * blocks slots */
+    __global const real *slots, /* ring * blocks slots */
     FUNCTION_ARGS)
 {
     const int block = (int)get_global_id(0), strip = first + (int)get_global_id(1);
@@ -115,10 +127,10 @@ ALONE __kernel void similarity_step(
 #elif defined(PAIRS)
 ALONE __kernel void similarity_step(
     STRIP_ARGS,
-    __global const real *f,            /* M planes, as the guide's */
+    __global const real *f, /* M planes, as the guide's */
     SLOT_ARGS,
     /* output */
-    __global real *slots)              /* ring * blocks slots */
+    __global real *slots) /* ring * blocks slots */
 {
     STRIP_PLACE
     __global real *slot = slots + ((long)(strip % ring) * blocks + get_global_id(0)) * SLOT;
@@ -162,7 +174,7 @@ ALONE __kernel void similarity_step(
 #else
 ALONE __kernel void similarity_step(
     STRIP_ARGS,
-    __global const real *f,            /* M planes, as the guide's */
+    __global const real *f, /* M planes, as the guide's */
     FUNCTION_ARGS)
 {
     STRIP_PLACE

@@ -20,26 +20,26 @@
 #endif
 
 #ifdef EDGE_NORM
-#define SUM_OF_SQUARES                                                                                               \
-    for (int c = 0; c < G; ++c) sum[c] = 0;                                                                          \
-    NEIGHBOURS                                                                                                       \
-        realN square[G];                                                                                             \
-        for (int c = 0; c < G; ++c) square[c] = eps2;                                                                \
-        for (int c = 0; c < M; ++c) {                                                                                \
-            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));                                               \
-            square[G == 1 ? 0 : c] += SQUARED(d);                                                                    \
-        }                                                                                                            \
-        for (int c = 0; c < G; ++c) sum[c] += WHERE(PRESENT, raise(square[c], edge_power));                          \
+#define SUM_OF_SQUARES                                                                      \
+    for (int c = 0; c < G; ++c) sum[c] = 0;                                                 \
+    NEIGHBOURS                                                                              \
+        realN square[G];                                                                    \
+        for (int c = 0; c < G; ++c) square[c] = eps2;                                       \
+        for (int c = 0; c < M; ++c) {                                                       \
+            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));                      \
+            square[G == 1 ? 0 : c] += SQUARED(d);                                           \
+        }                                                                                   \
+        for (int c = 0; c < G; ++c) sum[c] += WHERE(PRESENT, raise(square[c], edge_power)); \
     END
 #else
-#define SUM_OF_SQUARES                                                                                               \
-    for (int c = 0; c < G; ++c) sum[c] = 0;                                                                          \
-    NEIGHBOURS                                                                                                       \
-        for (int c = 0; c < M; ++c) {                                                                                \
-            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));                                               \
-            sum[G == 1 ? 0 : c] += SQUARED(d);                                                                       \
-        }                                                                                                            \
-    END                                                                                                              \
+#define SUM_OF_SQUARES                                                 \
+    for (int c = 0; c < G; ++c) sum[c] = 0;                            \
+    NEIGHBOURS                                                         \
+        for (int c = 0; c < M; ++c) {                                  \
+            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M))); \
+            sum[G == 1 ? 0 : c] += SQUARED(d);                         \
+        }                                                              \
+    END                                                                \
     for (int c = 0; c < G; ++c) sum[c] += eps2;
 #endif
 

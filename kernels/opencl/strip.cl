@@ -5,17 +5,16 @@
  * so that a small distance beside a large one keeps its digits, and a cell's sums are grouped the same way wherever in
  * its block it lies, so that a picture cut into parts gives the bits of the whole.
  *
- * A block is S rows, down the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` goes down
- * each column of packs with the last rows in registers and leaves the sums down the patches in `down`; `sum_along` turns
- * a row of these into distances. FLAT, g = 1: the sum of 2 R + 1 rows is made of sums of 1, 2, 4 and 8 of them, each of
- * which takes one addition of two of half the length. Otherwise each row has its weight: 2 R + 1 multiply-adds.
+ * A block is S rows, down the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` goes
+ * down each column of packs with the last rows in registers and leaves the sums down the patches in `down`; `sum_along`
+ * turns a row of these into distances. FLAT, g = 1: the sum of 2 R + 1 rows is made of sums of 1, 2, 4 and 8 of them,
+ * each of which takes one addition of two of half the length. Otherwise each row has its weight: 2 R + 1 multiply-adds.
  * A GPU takes N = B = 1: one thread a column.
  *
- * f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row, by
- * zeros on both sides that reach as far as the window and a block: no read asks where the border is, and the weights of
- * what was read beyond it become 0.
- * Arithmetic per edge: 3 Q, and for flat patches of side 7 4 additions, times (1 + 2 R/S) (1 + 1/B) for the overlap; then
- * 2 R additions. Bytes: all from the first two caches.
+ * f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row,
+ * by zeros on both sides that reach as far as the window and a block: no read asks where the border is, and the weights
+ * of what was read beyond it become 0. Arithmetic per edge: 3 Q, and for flat patches of side 7 4 additions, times (1 +
+ * 2 R/S) (1 + 1/B) for the overlap; then 2 R additions. Bytes: all from the first two caches.
  */
 #ifndef STRIP_CL
 #define STRIP_CL
@@ -47,28 +46,30 @@
 #define ALONE
 #endif
 
-#define DOWN (NDIM > 1 ? R : 0)               /* radius of the patch across the rows */
-#define SPAN (B + (2 * A + N - 1) / N)        /* packs in a row of weights: the block's, and A cells beside it */
-#define WIDE (SPAN + (2 * R + N - 1) / N)     /* packs in a row of `down` */
+#define DOWN (NDIM > 1 ? R : 0)           /* radius of the patch across the rows */
+#define SPAN (B + (2 * A + N - 1) / N)    /* packs in a row of weights: the block's, and A cells beside it */
+#define WIDE (SPAN + (2 * R + N - 1) / N) /* packs in a row of `down` */
 
-#define STRIP_ARGS                                                                                                   \
-    __global const real *guide,        /* Q planes of padded rows: what the patches compare */                       \
-    const long padded_plane,           /* from a channel to the next */                                              \
-    const long padded_pitch,           /* from a row to the next */                                                  \
-    const long left,                   /* from the start of a padded row to the patch of its first cell */           \
-    __global const real *inside,       /* one plane: 1 in the grid's mask, 0 elsewhere; read with MASKED */                   \
-    __global const real *maps,         /* two planes: a(u) and q(u), 0 outside the grid; read with MAPS */           \
-    __global const int *sizes,         /* (NDIM,): of the grid's axes */                                             \
-    const int n_offsets,                                                                                             \
-    __global const int *steps,         /* (n_offsets, NDIM) */                                                       \
-    __global const real *spatial,      /* (n_offsets,): s */                                                         \
-    const int n_lines,                                                                                               \
-    __global const long *lines,        /* (n_lines,): the patch along the leading axes, as steps in padded */        \
-    __global const real *line_weights, /* (n_lines,): and the part of g there */                                     \
-    __global const real *profile,      /* (2 R + 1,): g along one axis; not read with FLAT */                        \
-    const real shift,                                                                                                \
-    const real scale,                  /* -log2(e)/h^2 */                                                            \
+/* clang-format off */
+#define STRIP_ARGS                                                                                                    \
+    __global const real *guide,        /* Q planes of padded rows: what the patches compare */                        \
+    const long padded_plane,           /* from a channel to the next */                                               \
+    const long padded_pitch,           /* from a row to the next */                                                   \
+    const long left,                   /* from the start of a padded row to the patch of its first cell */            \
+    __global const real *inside,       /* one plane: 1 in the grid's mask, 0 elsewhere; read with MASKED */           \
+    __global const real *maps,         /* two planes: a(u) and q(u), 0 outside the grid; read with MAPS */            \
+    __global const int *sizes,         /* (NDIM,): of the grid's axes */                                              \
+    const int n_offsets,                                                                                              \
+    __global const int *steps,         /* (n_offsets, NDIM) */                                                        \
+    __global const real *spatial,      /* (n_offsets,): s */                                                          \
+    const int n_lines,                                                                                                \
+    __global const long *lines,        /* (n_lines,): the patch along the leading axes, as steps in padded */         \
+    __global const real *line_weights, /* (n_lines,): and the part of g there */                                      \
+    __global const real *profile,      /* (2 R + 1,): g along one axis; not read with FLAT */                         \
+    const real shift,                                                                                                 \
+    const real scale,                  /* -log2(e)/h^2 */                                                             \
     const real cut                     /* exponentials below it count as 0; read with CUT */
+/* clang-format on */
 
 #ifdef PAIRS
 #define FIRST_STRIP first
@@ -77,36 +78,36 @@
 #endif
 
 /* This work item's block: coordinates `lead` of its rows along the leading axes, its first row y0 and cell x0, how many
- * rows it has, `cell_row`, the number of its first row in functions without padding, and `padded0`, where the patch of its
- * first cell begins in a padded plane. */
-#define STRIP_PLACE                                                                                                  \
-    const int height = NDIM > 1 ? sizes[NDIM > 1 ? NDIM - 2 : 0] : 1, width_ = sizes[NDIM - 1];                      \
-    const int strips = (height + S - 1) / S, strip = FIRST_STRIP + (int)get_global_id(1);                                          \
-    const int y0 = strip % strips * S, x0 = (int)get_global_id(0) * (B * N);                                         \
-    int lead[NDIM]; /* not read on two axes */                                                                                                  \
-    for (int a = NDIM - 3, rest = strip / strips; a >= 0; rest /= sizes[a], --a) lead[a] = rest % sizes[a];          \
-    long padded_row = 0;                                                                                             \
-    for (int a = 0; a < NDIM - 2; ++a) padded_row = padded_row * (sizes[a] + 2 * R) + lead[a] + R;                   \
-    padded_row = padded_row * (height + 2 * DOWN) + y0;                                                              \
-    const int rows = min(S, height - y0);                                                                            \
-    const long cell_row = (long)(strip / strips) * height + y0;                                                      \
-    const long padded0 = padded_row * padded_pitch + left + x0;                                                      \
+ * rows it has, `cell_row`, the number of its first row in functions without padding, and `padded0`, where the patch of
+ * its first cell begins in a padded plane. */
+#define STRIP_PLACE                                                                                         \
+    const int height = NDIM > 1 ? sizes[NDIM > 1 ? NDIM - 2 : 0] : 1, width_ = sizes[NDIM - 1];             \
+    const int strips = (height + S - 1) / S, strip = FIRST_STRIP + (int)get_global_id(1);                   \
+    const int y0 = strip % strips * S, x0 = (int)get_global_id(0) * (B * N);                                \
+    int lead[NDIM]; /* not read on two axes */                                                              \
+    for (int a = NDIM - 3, rest = strip / strips; a >= 0; rest /= sizes[a], --a) lead[a] = rest % sizes[a]; \
+    long padded_row = 0;                                                                                    \
+    for (int a = 0; a < NDIM - 2; ++a) padded_row = padded_row * (sizes[a] + 2 * R) + lead[a] + R;          \
+    padded_row = padded_row * (height + 2 * DOWN) + y0;                                                     \
+    const int rows = min(S, height - y0);                                                                   \
+    const long cell_row = (long)(strip / strips) * height + y0;                                             \
+    const long padded0 = padded_row * padded_pitch + left + x0;                                             \
     const long centre0 = padded0 + DOWN * padded_pitch + R;
 
-/* Of offset k: from .. until, the rows of the block whose neighbours are rows of the grid, and `ahead`, the way to these in
- * a padded plane. `leaves`: some of the block's cells or neighbours may be beyond the ends of the rows. */
-#define STRIP_OFFSET(k)                                                                                              \
-    __global const int *step = steps + (k) * NDIM;                                                                   \
-    const int dx = step[NDIM - 1], dy = NDIM > 1 ? step[NDIM > 1 ? NDIM - 2 : 0] : 0;                                \
-    bool there = true;                                                                                               \
-    long jump = 0;                                                                                                   \
-    for (int a = 0; a < NDIM - 2; ++a) {                                                                             \
-        there = there && lead[a] + step[a] >= 0 && lead[a] + step[a] < sizes[a];                                     \
-        jump = jump * (sizes[a] + 2 * R) + step[a];                                                                  \
-    }                                                                                                                \
-    jump = jump * (height + 2 * DOWN) + dy;                                                                          \
-    const int from = max(0, -(y0 + dy)), until = there ? min(rows, height - y0 - dy) : 0;                            \
-    const long ahead = jump * padded_pitch + dx;                                                                     \
+/* Of offset k: from .. until, the rows of the block whose neighbours are rows of the grid, and `ahead`, the way to
+ * these in a padded plane. `leaves`: some of the block's cells or neighbours may be beyond the ends of the rows. */
+#define STRIP_OFFSET(k)                                                                   \
+    __global const int *step = steps + (k) * NDIM;                                        \
+    const int dx = step[NDIM - 1], dy = NDIM > 1 ? step[NDIM > 1 ? NDIM - 2 : 0] : 0;     \
+    bool there = true;                                                                    \
+    long jump = 0;                                                                        \
+    for (int a = 0; a < NDIM - 2; ++a) {                                                  \
+        there = there && lead[a] + step[a] >= 0 && lead[a] + step[a] < sizes[a];          \
+        jump = jump * (sizes[a] + 2 * R) + step[a];                                       \
+    }                                                                                     \
+    jump = jump * (height + 2 * DOWN) + dy;                                               \
+    const int from = max(0, -(y0 + dy)), until = there ? min(rows, height - y0 - dy) : 0; \
+    const long ahead = jump * padded_pitch + dx;                                          \
     const bool leaves = min(x0, x0 + dx) < 0 || max(x0, x0 + dx) + B * N > width_;
 
 /* Whether the cells at x of a row are cells of the grid. */
@@ -114,8 +115,12 @@
 
 /* Differences squared, over channels and the patch's leading axes, of a pack at `at` and its neighbours. */
 static inline realN squares(
-    __global const real *at, const long ahead, const long padded_plane,
-    const int n_lines, __global const long *lines, __global const real *line_weights)
+    __global const real *at,
+    const long ahead,
+    const long padded_plane,
+    const int n_lines,
+    __global const long *lines,
+    __global const real *line_weights)
 {
 #if NDIM > 2
     realN sum = 0;
@@ -140,8 +145,8 @@ static inline realN squares(
 }
 #define SQUARES(at) squares(at, ahead, padded_plane, n_lines, lines, line_weights)
 
-/* A sum of the last 2 R + 1 rows from sums of 1, 2, 4 and 8 of them: SUM1(l) is the row l before the last, SUM2(l) it and
- * the one before, and so on. */
+/* A sum of the last 2 R + 1 rows from sums of 1, 2, 4 and 8 of them: SUM1(l) is the row l before the last, SUM2(l) it
+ * and the one before, and so on. */
 #ifdef FLAT
 #if R == 1
 #define PATCH_SUM (SUM2(0) + SUM1(2))
@@ -158,9 +163,17 @@ static inline realN squares(
 
 /* The sums down the patches of the block's rows from .. until, for `ahead`, into down[y * WIDE + pack]. */
 static inline void sum_down(
-    __global const real *first, const long padded_pitch, const long padded_plane, const long ahead,
-    const int from, const int until, const int n_lines, __global const long *lines, __global const real *line_weights,
-    __global const real *profile, realN *down)
+    __global const real *first,
+    const long padded_pitch,
+    const long padded_plane,
+    const long ahead,
+    const int from,
+    const int until,
+    const int n_lines,
+    __global const long *lines,
+    __global const real *line_weights,
+    __global const real *profile,
+    realN *down)
 {
     for (int p = 0; p < WIDE; ++p) {
         __global const real *at = first + from * padded_pitch + p * N;
@@ -210,8 +223,9 @@ static inline void sum_down(
 #endif
     }
 }
-#define SUM_DOWN                                                                                                     \
-    sum_down(guide + padded0, padded_pitch, padded_plane, ahead, from, until, n_lines, lines, line_weights, profile, down)
+#define SUM_DOWN \
+    sum_down(    \
+        guide + padded0, padded_pitch, padded_plane, ahead, from, until, n_lines, lines, line_weights, profile, down)
 
 /* Distances of the B packs of a row from the sums down its patches. The shifted packs are loaded, from the first cache:
  * shuffles of two packs cost as much on PoCL 3.1, and five times as much on 3.0. */
@@ -252,44 +266,48 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 
 /* The weight of a pack at u and its neighbours at v, places in a padded plane, along offset k. */
 #ifdef MAPS
-#define SIMILARITY_AT(rho, k, u, v) similarity(                                                                      \
-    fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0))                                                \
-        * (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), spatial[k], 0, scale, cut)
+#define SIMILARITY_AT(rho, k, u, v)                                            \
+    similarity(                                                                \
+        fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0)) *    \
+            (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), \
+        spatial[k], 0, scale, cut)
 #else
 #define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale, cut)
 #endif
 
-/* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of u. */
+/* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of
+ * u. */
 #ifdef MASKED
 #define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
 #else
 #define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
 #endif
 
-/* What a kernel that does not store its weights goes through for offset k: BLOCK_OF once, ROW_OF for each row of the block
- * that has neighbours, WEIGHT_OF for a pack. With A the weights of A rows above and below the block, and A cells beside it,
- * are computed too, and added along the rows; what is added down the columns is added where it is used. */
+/* What a kernel that does not store its weights goes through for offset k: BLOCK_OF once, ROW_OF for each row of the
+ * block that has neighbours, WEIGHT_OF for a pack. With A the weights of A rows above and below the block, and A cells
+ * beside it, are computed too, and added along the rows; what is added down the columns is added where it is used. */
 #if A > 0
 #define BLOCK_ARRAYS realN down[(S + 2 * A) * WIDE], rho[SPAN], single[SPAN], across[(S + 2 * A) * B];
-#define BLOCK_OF(k)                                                                                                  \
-    for (int i = 0; i < (S + 2 * A) * B; ++i) across[i] = 0;                                                         \
-    if (from < until) {                                                                                              \
-        const int low = max(-A, -min(y0, y0 + dy)), high = min(rows + A, height - max(y0, y0 + dy));                 \
-        const bool leaves = min(x0, x0 + dx) < A || max(x0, x0 + dx) - A + SPAN * N > width_;                        \
-        sum_down(guide + padded0 - A, padded_pitch, padded_plane, ahead, low, high, n_lines, lines, line_weights, profile, \
-                 down + A * WIDE);                                                                                   \
-        for (int y = low; y < high; ++y) {                                                                           \
-            sum_along(down + (y + A) * WIDE, profile, rho);                                                          \
-            for (int p = 0; p < SPAN; ++p) {                                                                         \
-                const long u = centre0 + y * padded_pitch + p * N - A, v = u + ahead;                                \
-                single[p] = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 - A + p * N);                    \
-            }                                                                                                        \
-            for (int p = 0; p < B; ++p) {                                                                            \
-                realN sum = LOAD_PRIVATE((const real *)single, p * N);                                               \
-                for (int j = 1; j <= 2 * A; ++j) sum += LOAD_PRIVATE((const real *)single, p * N + j);               \
-                across[(y + A) * B + p] = sum;                                                                       \
-            }                                                                                                        \
-        }                                                                                                            \
+#define BLOCK_OF(k)                                                                                                   \
+    for (int i = 0; i < (S + 2 * A) * B; ++i) across[i] = 0;                                                          \
+    if (from < until) {                                                                                               \
+        const int low = max(-A, -min(y0, y0 + dy)), high = min(rows + A, height - max(y0, y0 + dy));                  \
+        const bool leaves = min(x0, x0 + dx) < A || max(x0, x0 + dx) - A + SPAN * N > width_;                         \
+        sum_down(                                                                                                     \
+            guide + padded0 - A, padded_pitch, padded_plane, ahead, low, high, n_lines, lines, line_weights, profile, \
+            down + A * WIDE);                                                                                         \
+        for (int y = low; y < high; ++y) {                                                                            \
+            sum_along(down + (y + A) * WIDE, profile, rho);                                                           \
+            for (int p = 0; p < SPAN; ++p) {                                                                          \
+                const long u = centre0 + y * padded_pitch + p * N - A, v = u + ahead;                                 \
+                single[p] = PRESENT_WEIGHT(SIMILARITY_AT(rho[p], k, u, v), u, v, x0 - A + p * N);                     \
+            }                                                                                                         \
+            for (int p = 0; p < B; ++p) {                                                                             \
+                realN sum = LOAD_PRIVATE((const real *)single, p * N);                                                \
+                for (int j = 1; j <= 2 * A; ++j) sum += LOAD_PRIVATE((const real *)single, p * N + j);                \
+                across[(y + A) * B + p] = sum;                                                                        \
+            }                                                                                                         \
+        }                                                                                                             \
     }
 #define ROW_OF(y)
 #define WEIGHT_OF(k, y, p, u, v) sum_across(across + (y) * B + (p))
@@ -302,7 +320,8 @@ static inline realN sum_across(const realN *across)
 }
 #else
 #define BLOCK_ARRAYS realN down[S * WIDE], rho[SPAN];
-#define BLOCK_OF(k) if (from < until) SUM_DOWN;
+#define BLOCK_OF(k) \
+    if (from < until) SUM_DOWN;
 #define ROW_OF(y) sum_along(down + (y) * WIDE, profile, rho);
 #define WEIGHT_OF(k, y, p, u, v) SIMILARITY_AT(rho[p], k, u, v)
 #endif
