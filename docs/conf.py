@@ -17,7 +17,7 @@ author = "The gpureg developers"
 copyright = f"2026, {author}"
 version = release = gpureg.__version__
 
-# a summary does not end in "(eq. 25)"
+# so that a summary does not end after "(eq."
 sphinx.ext.autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "sec.")
 
 extensions = [
@@ -34,7 +34,7 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 nitpicky = False
 
 autosummary_generate = True
-autodoc_typehints = "none"  # the docstrings say the types
+autodoc_typehints = "none"  # the types are in the docstrings
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False  # the template lists them
 numpydoc_class_members_toctree = False
@@ -72,18 +72,18 @@ html_theme_options = {
 }
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-# only the gallery and the reference have pages below them
+# only the gallery and the reference have subpages
 html_sidebars = {
     name: []
     for name in (
-        "index", "figures", "images", "simplification", "meshes", "parameters", "coming_from", "solvers", "performance",
-        "mathematics", "search", "genindex",
+        "index", "first_steps", "figures", "command_line", "images", "simplification", "meshes", "parameters",
+        "coming_from", "solvers", "quality", "performance", "backends", "mathematics", "search", "genindex",
     )
 }  # fmt: skip
 
 
 def _plain_bars(app, what, name, obj, options, lines):
-    """Keep reStructuredText from reading |f(u)| as a substitution and * as emphasis in what is plain text."""
+    """Escape | and * in plain text, so that reStructuredText does not read |f(u)| as a substitution."""
     inside = False
     for k, line in enumerate(lines):
         inside = inside or line.startswith(">>>")
@@ -108,12 +108,12 @@ def _outside_of_code(line):
 
 
 def _escaped(text):
-    # the parameters that numpydoc joins by commas begin with stars of their own, escaped already
+    # numpydoc has escaped the stars of parameters such as *args already
     return text.replace("\\*", "\0").replace("|", r"\|").replace("*", r"\*").replace("\0", "\\*")
 
 
 def setup(app):
-    """Names of Sphinx's events, and the figures, drawn before the pages are read."""
+    """Connect the events of Sphinx; the figures are drawn before the pages are read."""
     # before numpydoc, which makes reStructuredText of the sections
     app.connect("autodoc-process-docstring", _plain_bars, priority=100)
     app.connect("builder-inited", figures_page.draw)

@@ -13,6 +13,14 @@ import pytest
 import gpureg as gr
 
 ROOT = Path(__file__).parent.parent
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "bench" / "README.md",
+    ROOT / "kernels" / "README.md",
+]
+# made when the site is built
+MADE = ("docs/gallery", "docs/figures", "docs/api/")
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").exists(), reason="the documentation is not beside the tests")
 
 
@@ -51,6 +59,68 @@ def functions(module: object) -> set[str]:
 @pytest.mark.parametrize("module", ["metrics", "operators", "plot", "presets", "sources", "spectral", "tuning"])
 def test_every_function_of_a_public_module_is_in_the_reference(module: str) -> None:
     assert functions(importlib.import_module(f"gpureg.{module}")) <= set(reference()[f"gpureg.{module}"])
+
+
+def exists(dotted: str) -> bool:
+    """Whether a dotted name below gpureg is a module or something in one; attributes of an instance count."""
+    found: object = gr
+    path = "gpureg"
+    for part in dotted.split(".")[1:]:
+        path = f"{path}.{part}"
+        if not hasattr(found, part):
+            if inspect.isclass(found):
+                fields = {name for c in found.__mro__ for name in inspect.get_annotations(c)}
+                return part in fields | set(inspect.signature(found).parameters)
+            try:
+                importlib.import_module(path)
+            except ImportError:
+                return False
+        found = getattr(found, part)
+    return True
+
+
+def dotted_names(text: str) -> set[str]:
+    """Names such as gpureg.weights.patch or gr.Graph in a text; gr is gpureg."""
+    # not the file names: gpureg.png
+    found = re.findall(r"(?<![\w./])(?:gpureg|gr)((?:\.[A-Za-z_]\w*)+)(?![\w/])", text)
+    return {f"gpureg{name}" for name in found}
+
+
+def paths(text: str) -> set[str]:
+    """Files and folders of the checkout that a text names: those that begin with one of its folders."""
+    return set(re.findall(r"(?<![\w/.-])(?:gpureg|kernels|tests|bench|docs|examples|notebooks)/[\w/.]*\w", text))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_names_and_paths_in_the_pages_exist(page: Path) -> None:
+    text = page.read_text("utf-8")
+    wrong = [name for name in sorted(dotted_names(text)) if not exists(name)]
+    # what a run writes is not in the checkout
+    wrong += [
+        path
+        for path in sorted(paths(text))
+        if not (ROOT / path).exists() and not path.startswith((*MADE, "bench/results"))
+    ]
+    for target in re.findall(r"\]\(<?([\w./-]+)[^)]*\)", re.sub(r"```.*?```", "", text, flags=re.S)):
+        place = (page.parent / target).resolve()
+        if not place.exists() and not place.relative_to(ROOT).as_posix().startswith(MADE):
+            wrong.append(target)
+    assert not wrong, wrong
+
+
+def test_a_wrong_name_or_path_is_found() -> None:
+    text = "`gr.weights.patch`, gpureg.graphs.csr, `gr.Interrupted.result`; gpureg/graphs/csr.py and gpureg/images/."
+    assert dotted_names(text) == {"gpureg.weights.patch", "gpureg.graphs.csr", "gpureg.Interrupted.result"}
+    assert all(map(exists, dotted_names(text)))
+    assert paths(text) == {"gpureg/graphs/csr.py", "gpureg/images"}
+    assert not exists("gpureg.weights.no") and not exists("gpureg.no.csr") and not exists("gpureg.Result.no")
+    assert exists("gpureg.Result.gap")
+
+
+def test_every_page_is_in_the_contents() -> None:
+    text = (ROOT / "docs" / "index.md").read_text("utf-8")
+    contents = set(re.findall(r"^[^<\n]+ <(\w+)>$", text[text.index("{toctree}") :], re.M))
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index", "figures"} <= contents
 
 
 def test_dead_links_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

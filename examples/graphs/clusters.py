@@ -2,9 +2,9 @@
 Clusters of any shape
 =====================
 
-For p < 1 the coordinates of points are drawn together along the edges of their graph until neighbours meet.
-:func:`gpureg.cluster_points` takes those that met as pieces and joins the pieces that hang together most. Rings are
-found as well as blobs; points that belong to nothing go to the cluster of the nearest point.
+For p < 1 regularization moves points together along the edges of their graph, until neighbours are at the same
+position. :func:`gpureg.cluster_points` takes these groups as pieces and joins the pieces with the strongest
+connections. It finds rings as well as blobs; outliers go to the cluster of the nearest point.
 """
 
 import numpy as np
@@ -28,23 +28,23 @@ points = np.concatenate(
 truth = np.repeat([0, 1, 2, 3, -1], [200, 400, 300, 300, 60])
 
 # %%
-# With no number given, joining stops at the widest gap between the joins. The table counts, for each cluster, how
-# many points of each kind are in it; the last column holds the outliers.
+# Without a number of clusters, joining stops at the widest gap between the joins. The table counts, for each cluster,
+# how many points of each kind are in it; the last column is for the outliers.
 
 labels = gr.cluster_points(points)
 for k in range(labels.max() + 1):
     print(f"cluster {k}:", np.array([np.sum(truth[labels == k] == kind) for kind in (0, 1, 2, 3, -1)]))
 
 # %%
-# A number can be asked for; with three the two rings are one.
+# The number of clusters can be given; with three, the two rings are one cluster.
 
 figure = gr.plot.points({"none given": points, "3 clusters": points}, values=[labels, gr.cluster_points(points, 3)])
 figure
 
 # %%
-# What p does to the coordinates themselves, in units of the median edge: with p = 2 points move to the mean of their
-# neighbours and no two meet; with p = 0.1 they gather at few places. The number of places counts those more than a
-# hundredth of an edge apart.
+# The effect of p on the coordinates, in units of the median edge: with p = 2 points move to the mean of their
+# neighbours and no two reach the same position; with p = 0.1 they gather at few places. Places closer than a hundredth
+# of an edge count as one.
 
 graph = gr.knn_graph(points, 10)
 edge = np.median(np.linalg.norm(points[graph.edge_rows()] - points[graph.indices], axis=1))

@@ -3,7 +3,7 @@ Labels from a few known ones
 ============================
 
 A few points have a label. :func:`gpureg.propagate_labels` pins them and regularizes one function per class on a graph
-of neighbours; a point takes the class whose function is largest there. Which p is best depends on what parts the
+of neighbours; a point gets the class whose function is largest there. Which p is best depends on what separates the
 classes: a gap between them, or the distance to the labels.
 """
 
@@ -26,7 +26,7 @@ def experiment(points, truth, known, draws=3):
             labels[rng.choice(np.flatnonzero(truth == k), count, replace=False)] = k
         scores = {}
         for p in degrees:
-            found, score = gr.propagate_labels(graph, labels, p=p, tol=1e-5, return_scores=True)
+            found, score = gr.propagate_labels(labels, graph, p=p, tol=1e-5, return_scores=True)
             right[p].append(100 * np.mean(found == truth))
             scores[p] = score[:, 1]
     for p in degrees:
@@ -42,8 +42,8 @@ def experiment(points, truth, known, draws=3):
 
 # %%
 # Two half circles with a gap between them, and one label each, at the crosses. The colour is the score of the second
-# class, from 0 to 1; from 1/2 on a point belongs to it. A small p changes where few edges cross, that is in the gap.
-# A large p changes slowly everywhere, and so also along a half circle.
+# class, from 0 to 1; a point with 1/2 or more belongs to it. With a small p the score changes where few edges cross,
+# that is in the gap. With a large p it changes slowly everywhere, so also along a half circle.
 
 angle = rng.uniform(0, np.pi, 240)
 moon = np.arange(240) % 2
@@ -55,9 +55,9 @@ figure = experiment(points, moon, known=(1, 1))
 figure
 
 # %%
-# The halves of a rectangle that is filled evenly, one label in the left half and five in the right. There is no gap
-# to find. At p = 2 a function has a spike at a single label and soon falls to the value that most labels ask for; at
-# 1.5 almost all points go to the class with five. At 4 it is the distance that counts.
+# The halves of a rectangle that is filled evenly, with one label in the left half and five in the right. There is no
+# gap. At p = 2 a function has a spike at a single label and quickly falls to the value of most labels; at p = 1.5
+# almost all points go to the class with five labels. At p = 4 the distance decides.
 
 points = rng.uniform(0, 1, (500, 2)) * (2, 1)
 figure = experiment(points, (points[:, 0] > 1).astype(int), known=(1, 5))

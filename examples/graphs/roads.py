@@ -2,9 +2,9 @@
 A function on roads
 ===================
 
-Something is measured at the crossings of a network of roads, with errors: rents, say. The graph is that of the roads
-and not of the plane: two crossings on either side of the river are near to each other, but far apart by road. Each
-edge weighs the inverse of its length.
+A quantity, for example the rent, is measured with errors at the crossings of a network of roads. The graph is that of
+the roads and not of the plane: two crossings on opposite sides of the river can be near to each other, but far apart by
+road. The weight of an edge is the inverse of its length.
 """
 
 import numpy as np
@@ -16,8 +16,8 @@ from scipy.spatial import Delaunay
 import gpureg as gr
 
 # %%
-# Crossings at random, joined with their neighbours in the Delaunay triangulation. Long roads are left out, a quarter
-# of the others, and all that cross the river but three bridges. What hangs together with none of the rest is dropped.
+# Random crossings, joined with their neighbours in the Delaunay triangulation. Long roads are left out, and a quarter
+# of the others, and all that cross the river except three bridges. Only the largest connected part remains.
 
 rng = np.random.default_rng(0)
 places = rng.uniform(0, 10, (1200, 2))
@@ -37,7 +37,7 @@ graph = gr.Graph.from_scipy(whole[inside][:, inside], positions=places[inside])
 print(f"{graph.n_vertices} crossings, {graph.n_edges // 2} roads")
 
 # %%
-# A function that changes slowly along the roads, and jumps over the river. The fidelity follows from the size of the
+# A function that changes slowly along the roads, and jumps at the river. The fidelity follows from the size of the
 # errors, by the discrepancy principle, for p = 2 and for p = 1.
 
 x, y = graph.positions.T
@@ -51,8 +51,8 @@ for p in (2, 1):
 errors = {name: np.sqrt(np.mean((values - truth) ** 2)) for name, values in shown.items()}
 
 # %%
-# Each road in the mean of its two ends. p = 2 lets values leak over the bridges and smooths the jump into a slope; p
-# = 1 keeps both sides apart.
+# Each road has the colour of the mean of its two ends. With p = 2 values leak over the bridges, and the jump becomes a
+# slope; with p = 1 the jump remains.
 
 figure = Figure(figsize=(14, 4.2), layout="constrained")
 one_way = graph.edge_rows() < graph.indices

@@ -4,7 +4,7 @@ Frequencies on a graph
 
 The eigenvectors of the random walk on a graph are its waves, from slow to fast. :mod:`gpureg.spectral` projects a
 function on the slowest ones, or lets it diffuse; both are filters whose effect on each frequency is known beforehand.
-:func:`gpureg.regularize` with p = 2 is such a filter too, with p = 1 it is not: what it does depends on the function.
+:func:`gpureg.regularize` with p = 2 is such a filter too. With p = 1 it is not: its effect depends on the function.
 """
 
 import numpy as np
@@ -29,8 +29,8 @@ figure = gr.plot.points(
 figure
 
 # %%
-# A smooth function and one with a jump, each with noise, through filters of all three kinds. The strength of each
-# filter is the best of several for that function, judged by the truth, which is known here.
+# A smooth function and one with a jump, each with noise, filtered in four ways. The strength of each filter is the best
+# of several for that function, by the true function, which is known here.
 
 truths = {"smooth": np.sin(3 * angle), "jump": np.where(np.abs(angle - np.pi) < 1.2, 1.0, -0.5)}
 filters = {
@@ -57,8 +57,8 @@ for name, truth in truths.items():
     best[name, "noisy"] = noisy
 
 # %%
-# The function with a jump. The projection swings on both sides of the jump, as partial sums of Fourier series do;
-# diffusion and p = 2 make a slope of it.
+# The function with a jump. The projection oscillates on both sides of the jump, as partial sums of Fourier series do;
+# with diffusion and p = 2 the jump becomes a slope.
 
 shown = {kind: best["jump", kind] for kind in ("noisy", "projection", "p = 2", "p = 1")}
 figure = gr.plot.points(dict.fromkeys(shown, points), values=list(shown.values()))

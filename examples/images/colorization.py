@@ -2,9 +2,9 @@
 Colour from scribbles
 =====================
 
-A grey picture and some coloured lines are given. The chrominance is known on the lines and nowhere else; it is
-regularized on a graph whose weights come from the luminance, so that colour spreads where the grey value stays and
-stops where it jumps. In terms of the model: lam is infinite on the lines and zero elsewhere.
+Given are a grey picture and some coloured lines. The chrominance is known on the lines only. It is regularized on a
+graph whose weights come from the luminance, so that colour spreads where the grey value is constant and stops where it
+jumps. In terms of the model, lam is infinite on the lines and zero elsewhere.
 """
 
 import numpy as np
@@ -14,14 +14,13 @@ from skimage import color, data, draw
 import gpureg as gr
 
 # %%
-# The picture at half its size; of its colours only the luminance is used.
+# The picture at half its size; only its luminance is used.
 
 original = data.astronaut()[:300, 90:390].reshape(150, 2, 150, 2, 3).mean(axis=(1, 3)) / 255
 luminance = color.rgb2gray(original)
 
 # %%
-# Lines from (row, column) to (row, column), one colour after the other: hair, skin, the suit, the wall, and grey
-# things.
+# Lines from (row, column) to (row, column), one colour after the other: hair, skin, the suit, the wall, grey objects.
 
 lines = {
     (140, 115, 60): [(15, 62, 30, 95), (30, 97, 50, 100), (33, 38, 50, 36), (24, 45, 20, 50), (36, 60, 34, 85)],
@@ -44,7 +43,7 @@ print(f"colour is known at {100 * np.mean(lam > 0):.1f} percent of the pixels")
 
 # %%
 # Two channels of chrominance on the grid of nearest neighbours. ``weights.guided`` takes the weights from the
-# luminance, not from the function that is regularized. With constant weights, for comparison, colours run over all
+# luminance, not from the function that is regularized. With constant weights, for comparison, colours cross all
 # borders.
 
 chroma = np.where(lam[..., None] > 0, color.rgb2yuv(scribbles)[..., 1:], 0)

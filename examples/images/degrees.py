@@ -3,9 +3,9 @@ What the degree p does
 ======================
 
 The energy sums the norm of the gradient to the power p. With p = 2 many small differences are cheaper than one large
-one; with p = 1 a step costs the same however steep it is; below 1 one large difference is cheaper than many small
-ones, and the picture falls into flat pieces. The fidelity is zero here: nothing but the start and the number of
-sweeps ties the result to the picture.
+one; with p = 1 the cost of a step does not depend on how steep it is; for p < 1 one large difference is cheaper than
+many small ones, and the picture becomes flat pieces. The fidelity is zero here: the result depends on the picture only
+through the start and the number of sweeps.
 """
 
 import numpy as np
@@ -25,8 +25,9 @@ grid = gr.GridGraph(image.shape)
 results = {p: gr.regularize(image, grid, p=p, lam=0, max_iter=300).value for p in (2, 1, 0.5, 0.1)}
 
 # %%
-# Two neighbours whose values are less than a tenth of a grey level apart have met, and pixels that a chain of such
-# neighbours joins are one piece. The picture itself has integers, of which many are equal at the start.
+# Two neighbours whose values differ by less than a tenth of a grey level are joined, and pixels that a chain of such
+# neighbours connects are one piece. The values of the picture itself are integers, many of which are equal at the
+# start.
 
 
 def count_pieces(values, gap=0.1):
@@ -44,8 +45,8 @@ for p, count in pieces.items():
     print(f"p = {p}: {count} pieces")
 
 # %%
-# The pictures, and below them one row of each: the grey curve is the row of the original, drawn in the pictures as a
-# line.
+# The pictures, and below them one row of each. The grey curve is the same row of the original; the line in the pictures
+# shows where it is.
 
 row = 100
 figure = Figure(figsize=(14, 5.6), layout="constrained")

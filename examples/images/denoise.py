@@ -1,10 +1,10 @@
 """
-Denoising with nothing said
-===========================
+Denoising without parameters
+============================
 
-:func:`gpureg.denoise_image` estimates the noise of a picture, and takes the weights, the window and the strength of
-the filter from it. The plan behind a call can be read before anything is computed. Grey pictures and pictures in
-colour go the same way.
+:func:`gpureg.denoise_image` estimates the noise of a picture, and chooses the weights, the window and the strength of
+the filter accordingly. The plan of a call can be read before anything is computed. This works for grey pictures and for
+pictures in colour.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ def psnr(image, truth):
 
 
 # %%
-# Noise of standard deviation 20 on a part of scikit-image's camera picture, which has values in 0..255. The call has
-# no argument besides the picture.
+# Noise of standard deviation 20 on a part of scikit-image's camera picture, which has values in 0..255. The picture is
+# the only argument.
 
 camera = data.camera()[60:316, 120:376].astype(np.float32)
 noisy = camera + rng.normal(0, 20, camera.shape).astype(np.float32)
@@ -30,14 +30,14 @@ clean = gr.denoise_image(noisy)
 print(f"noisy {psnr(noisy, camera):.2f} dB, denoised {psnr(clean, camera):.2f} dB")
 
 # %%
-# The difference on the right is what was taken away. Where it shows edges, the filter took them with the noise.
+# The difference on the right is what was removed. Where it shows edges, the filter has removed a part of them too.
 
 figure = gr.plot.compare(noisy, clean, reference=camera, data_range=(0, 255))
 figure
 
 # %%
-# What was chosen, and by which rule. Every parameter can be given, and what is given is kept: ``p=1`` is total
-# variation on the nearest neighbours.
+# What was chosen, and by which rule. Every parameter can be given: ``p=1`` is total variation on the nearest
+# neighbours.
 
 print(gr.plan_denoising(noisy).explain())
 print()
@@ -46,8 +46,8 @@ flat = gr.denoise_image(noisy, p=1)
 print(f"\np = 1: {psnr(flat, camera):.2f} dB")
 
 # %%
-# In colour ``channel_axis`` says which axis holds the channels. They are compared and averaged together. Integers
-# come back as integers.
+# For a picture in colour ``channel_axis`` is the axis of the channels, which are compared and averaged together.
+# Integers come back as integers.
 
 astronaut = data.astronaut()[20:220, 110:330]
 noisy = np.clip(np.rint(astronaut + rng.normal(0, 25, astronaut.shape)), 0, 255).astype(np.uint8)

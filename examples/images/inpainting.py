@@ -1,10 +1,10 @@
 """
-Filling in what is missing
-==========================
+Filling in missing pixels
+=========================
 
-:func:`gpureg.inpaint_image` computes missing pixels from those around them: the known ones are pinned, the others
-have no data at all. On nearest neighbours p = 2 gives a smooth fill and p = 1 one with steps. With weights that
-compare patches the fill takes up pixels from places that look alike.
+:func:`gpureg.inpaint_image` computes missing pixels from those around them: the known pixels are pinned, the others
+have no data. On nearest neighbours p = 2 gives a smooth fill and p = 1 one with steps. With weights that compare
+patches the fill uses pixels from similar places.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def psnr(image, truth, where):
 
 
 # %%
-# Tears of random place, direction and width. Their pixels are set to NaN; what stands there is never looked at.
+# Tears of random place, direction and width. Their pixels are set to NaN; the values of missing pixels are never used.
 
 y, x = np.indices((160, 160))
 torn = np.zeros((160, 160), bool)
@@ -34,11 +34,11 @@ for _ in range(12):
 print(f"{100 * torn.mean():.0f} percent of the pixels are missing")
 
 # %%
-# Coins are flat things with a border. A tear across the border leaves a blur at p = 2; p = 1 prefers one step.
+# Coins are flat objects with a border. Where a tear crosses the border, p = 2 leaves a blur and p = 1 one step.
 
 coins = data.coins()[:160, :160].astype(np.float32)
 holes = np.where(torn, np.nan, coins)
-fills = {f"p = {p}": gr.inpaint_image(holes, torn, p=p) for p in (2, 1)}
+fills = {f"p = {p}": gr.inpaint_image(holes, missing=torn, p=p) for p in (2, 1)}
 
 
 def draw(truth, fills):
@@ -58,14 +58,14 @@ figure = draw(coins, fills)
 figure
 
 # %%
-# A wall repeats itself. Patches of 7 x 7 pixels in a window of 21 x 21 find the joints that a local fill cannot know
-# of. The decibels count the missing pixels only.
+# A brick wall repeats itself. Patches of 7 x 7 pixels in a window of 21 x 21 find the joints, which a fill from nearest
+# neighbours cannot. The decibels count the missing pixels only.
 
 brick = data.brick()[:160, :160].astype(np.float32)
 holes = np.where(torn, np.nan, brick)
 fills = {
-    "nearest neighbours": gr.inpaint_image(holes, torn),
-    "by patches": gr.inpaint_image(holes, torn, weights=gr.weights.patch(3, h=30)),
+    "nearest neighbours": gr.inpaint_image(holes, missing=torn),
+    "by patches": gr.inpaint_image(holes, missing=torn, weights=gr.weights.patch(3, h=30)),
 }
 
 figure = draw(brick, fills)

@@ -2,9 +2,9 @@
 The filters of OpenCV and scikit-image
 ======================================
 
-:mod:`gpureg.presets` computes other libraries' filters under the names of their parameters, so that a switch can be
-checked number by number. :mod:`gpureg.skimage` has three of scikit-image's denoisers under their own signatures: one
-import changes. Where scikit-image's code departs from its documentation, the latter is what is computed.
+:mod:`gpureg.presets` computes the filters of other libraries with their parameters, so that results can be compared
+number by number. :mod:`gpureg.skimage` has three of scikit-image's denoisers with their signatures, so that only the
+import changes. Where scikit-image's code differs from its documentation, gpureg computes what the documentation says.
 """
 
 import cv2
@@ -40,9 +40,9 @@ theirs = restoration.denoise_nl_means(floats, 5, 4, h=0.1, fast_mode=False)
 tell("scikit-image, denoise_nl_means, slow", theirs, gr.presets.skimage_nl_means(floats, 5, 4, h=0.1))
 
 # %%
-# scikit-image's signatures. The slow mode differs by the exponential, which is approximated there. The fast mode sums
-# one row and one column of the patch too few there, and the bilateral filter reads a skewed table; total variation is
-# another discretization. So these come near, no more.
+# scikit-image's signatures. These results are near, not equal. The slow mode differs because scikit-image approximates
+# the exponential. Its fast mode omits one row and one column of the patch, its bilateral filter reads a skewed table,
+# and its total variation has another discretization.
 
 calls = {
     "nonlocal means, slow": ("denoise_nl_means", {"h": 0.1, "fast_mode": False, "patch_distance": 4}),

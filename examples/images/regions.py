@@ -2,9 +2,10 @@
 A picture as regions
 ====================
 
-:func:`gpureg.simplify_image` cuts a picture into zones around its extrema, gives each zone one value, and regularizes
-these values on the graph of zones that touch. For p < 1 neighbours come to the same value and are joined, again and
-again as the fidelity falls: a hierarchy in which each region is a union of regions of the level before.
+:func:`gpureg.simplify_image` divides a picture into zones around its extrema, gives each zone one value, and
+regularizes these values on the graph of neighbouring zones. For p < 1 neighbours come to the same value and are joined.
+Repeated with a smaller and smaller fidelity, this gives a hierarchy: each region is a union of regions of the level
+before.
 """
 
 import numpy as np
@@ -22,17 +23,17 @@ print(fine)
 print(f"{fine.percent:.1f} percent of the pixels, seen through a Gaussian of {fine.smooth} pixels")
 
 # %%
-# With nothing said the regions are regularized with p = 2. Drawn are a part of the picture, its partition in random
-# colours, each region in its mean, and in its regularized value.
+# By default the regions are regularized with p = 2. The figure shows a part of the picture, its partition in random
+# colours, the regions with their means, and with their regularized values.
 
 part = gr.simplify_image(coins[20:120, 90:190])
 figure = part.plot()
 figure
 
 # %%
-# With these weights the energy on the regions is that of the painted picture on its pixels, but for a constant. ``tol``
-# is how near, in grey levels, two neighbours must have come to be joined. It is small: joins form chains, and a slow
-# change of light is a chain of small steps.
+# With these weights the energy on the regions equals that of the painted picture on its pixels, except for a constant.
+# Neighbours are joined if they differ by at most ``merge_tol`` grey levels. It is small because joins form chains, and
+# a slow change of light is a chain of small steps.
 
 
 def psnr(image):
@@ -41,7 +42,7 @@ def psnr(image):
 
 
 settings = {"p": 0.5, "weights": "border", "norm": "edge", "by_size": True, "max_iter": 100}
-levels = fine.hierarchy([3, 1, 0.3, 0.1, 0.05], tol=0.3, **settings)
+levels = fine.hierarchy(lam=[3, 1, 0.3, 0.1, 0.05], merge_tol=0.3, **settings)
 for level in levels:
     print(f"{level.n_regions:6} regions {psnr(level.fine):6.2f} dB")
 

@@ -2,8 +2,8 @@
 A volume with flat voxels
 =========================
 
-Slices of a microscope or a scanner are often further apart than the pixels within them. ``spacing`` says so: windows,
-and weights that look at distances, are then in its units. Everything else is as for pictures.
+Slices of a microscope or a scanner are often further apart than the pixels within them. ``spacing`` gives the size of a
+voxel: windows, and weights that depend on distances, are then in its units. Everything else is as for pictures.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ for _ in range(16):
 volume = (cells + rng.normal(0, 25, cells.shape)).astype(np.float32)
 
 # %%
-# The same call with and without the size of the voxels, and on each slice by itself.
+# The same call with and without ``spacing``, and on each slice by itself.
 
 
 def psnr(image):
@@ -39,9 +39,9 @@ def psnr(image):
 clean = gr.denoise_image(volume, spacing=spacing)
 others = {
     "noisy": volume,
-    "spacing not said": gr.denoise_image(volume),
+    "without spacing": gr.denoise_image(volume),
     "slice by slice": np.stack([gr.denoise_image(part) for part in np.moveaxis(volume, -1, 0)], axis=-1),
-    "spacing said": clean,
+    "with spacing": clean,
 }
 for name, result in others.items():
     print(f"{name:<18}{psnr(result):6.2f} dB")

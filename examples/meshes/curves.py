@@ -2,8 +2,8 @@
 Outlines
 ========
 
-An outline is a graph that is a ring, and its coordinates are a function on it. :func:`gpureg.denoise_curve` estimates
-the noise and takes it away; :func:`gpureg.simplify_curve` keeps the vertices at which the direction changes.
+The graph of an outline is a ring, and its coordinates are a function on it. :func:`gpureg.denoise_curve` estimates the
+noise and removes it; :func:`gpureg.simplify_curve` leaves the vertices at which the direction changes.
 """
 
 import numpy as np
@@ -12,8 +12,8 @@ from skimage import data, measure
 import gpureg as gr
 
 # %%
-# The outline of scikit-image's horse, every third vertex of it, and the same with noise of one pixel. The estimate
-# says how much noise there is; the fidelity follows.
+# Every third vertex of the outline of scikit-image's horse, and the same with noise of one pixel. The noise is
+# estimated, and the fidelity follows from it.
 
 outline = max(measure.find_contours(~data.horse(), 0.5), key=len)
 horse = outline[:-1:3, ::-1]
@@ -25,12 +25,12 @@ for name, curve in curves.items():
     print(f"{name}: error {error:.2f} pixels, length {100 * length:.0f} %")
 
 # %%
-# The head. For curves p = 1 is no gain: the sum of the lengths between neighbours is least where vertices gather at
-# few places with straight leaps between them.
+# The head. For curves p = 1 is not better: the sum of the lengths between neighbours is least if vertices gather at few
+# places with straight lines between them.
 
 
 def near_head(curve):
-    """The part of a curve from the neck to the throat, by the places of the vertices in the outline."""
+    """The part of a curve from the neck to the throat, by the positions of the vertices in the outline."""
     return curve[(horse[:, 0] > 270) & (horse[:, 1] < 120)]
 
 
@@ -38,13 +38,13 @@ figure = gr.plot.curves({name: near_head(curve) for name, curve in curves.items(
 figure
 
 # %%
-# Fewer vertices, chosen by the directions of the segments, or by their places alone, which thins the curve evenly.
-# The distance is Hausdorff's, from the outline without noise.
+# Fewer vertices, chosen by the directions of the segments, or by the positions only, which thins the curve evenly. The
+# distance is the Hausdorff distance to the outline without noise.
 
 clean = curves["p = 2"]
 simple = {"directions": gr.simplify_curve(clean)}
-for function in ("directions", "positions"):
-    simple[f"{function}, 60"] = gr.simplify_curve(clean, function=function, n_vertices=60, max_iter=500)
+for filter in ("directions", "positions"):
+    simple[f"{filter}, 60"] = gr.simplify_curve(clean, filter=filter, n_vertices=60, max_iter=500)
 for name, curve in simple.items():
     print(f"{name}: {len(curve)} of {len(clean)}, {gr.metrics.curve_hausdorff(curve, horse):.1f} pixels away at most")
 

@@ -3,8 +3,8 @@ A scan without faces
 ====================
 
 A scanner gives points and no surface. :func:`gpureg.denoise_points` finds the normals of small neighbourhoods,
-regularizes them on the graph of nearest points, and moves the points to fit; the noise is estimated. Nothing has to
-be meshed, and the normals need no side.
+regularizes them on the graph of nearest points, and moves the points to fit; the noise is estimated. No mesh is needed,
+and the sign of the normals does not matter.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ rng = np.random.default_rng(0)
 
 
 def scan_and_clean(shape):
-    """Points on a shape with noise, denoised both ways; drawn in colours of their distance from the true surface."""
+    """Denoise points on a shape in both ways; the colours are their distances from the true surface."""
     surface, _ = trimesh.sample.sample_surface(shape, 5000, seed=1)
     scan = surface + rng.normal(0, 0.02, surface.shape)
     print(f"noise of 0.02, estimated {gr.estimate_point_noise(scan):.3f}")
@@ -33,14 +33,14 @@ def scan_and_clean(shape):
 
 
 # %%
-# A torus. Colours end at a distance of 0.04. ``filter="positions"`` moves each point to the others around it, and so
-# inwards, and together: holes open between the points.
+# A torus. Colours end at a distance of 0.04. ``filter="positions"`` moves each point towards the points around it,
+# therefore inwards and closer together: holes open between the points.
 
 figure = scan_and_clean(trimesh.creation.torus(1.0, 0.4, major_sections=128, minor_sections=64))
 figure
 
 # %%
-# A box: along the edges of the box the positions are rounded off, while the normals may jump there.
+# A box. ``filter="positions"`` rounds the edges of the box; with ``filter="normals"`` the normals can jump there.
 
 figure = scan_and_clean(trimesh.creation.box((2, 1.4, 1)))
 figure

@@ -2,9 +2,9 @@
 Skeletons
 =========
 
-The skeleton of a shape has a branch for every corner of its outline that points outwards, and so one for every bit of
-noise. :func:`gpureg.simplify_skeleton` regularizes the outline first: most branches that are left then belong to the
-shape.
+The skeleton of a shape has a branch for every corner of its outline that points outwards, and so many branches come
+from noise. :func:`gpureg.simplify_skeleton` regularizes the outline first, so that most of the remaining branches
+belong to the shape.
 """
 
 import numpy as np
@@ -13,8 +13,7 @@ from skimage import data, measure
 import gpureg as gr
 
 # %%
-# The outline of scikit-image's horse with noise of 0.7 pixels. p = 2, lam = 0.1 and ten iterations are what the
-# function takes by itself.
+# The outline of scikit-image's horse with noise of 0.7 pixels. The defaults are p = 2, lam = 0.1 and ten iterations.
 
 outline = max(measure.find_contours(~data.horse(), 0.5), key=len)
 horse = outline[:-1, ::-1]
@@ -27,8 +26,7 @@ figure = gr.plot.skeleton({"before": found.before, "after": found.after}, uprigh
 figure
 
 # %%
-# With no fidelity at all the number of iterations decides. The area of the shape changes little, while its corners
-# go.
+# Without fidelity the number of iterations decides. The corners of the shape disappear, while its area changes little.
 
 shown = {}
 for iterations in (10, 100, 1000):

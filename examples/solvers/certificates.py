@@ -2,9 +2,10 @@
 How far from the minimum
 ========================
 
-For p >= 1 and a fidelity above zero the energy has one minimiser. ``solver="certified"`` goes on until a dual problem
-proves how near it is: the result has a gap, which is an upper bound on the energy above the minimum, and a bound on
-the distance to the minimiser. Such a lower bound judges the result of any other process too.
+For p >= 1 and a fidelity above zero the energy has one minimiser. ``solver="certified"`` iterates until a dual problem
+proves that the minimiser is near: the result has a gap, which is an upper bound on its energy above the minimum, and a
+bound on the distance to the minimiser. With the lower bound of the energy the results of other solvers can be judged
+too.
 """
 
 import numpy as np
@@ -14,8 +15,8 @@ from skimage import data
 import gpureg as gr
 
 # %%
-# Total variation on a part of the camera picture with noise. The norm of the gradient is smoothed by the same eps in
-# all runs, so that the energies are of one problem.
+# Total variation on a part of the camera picture with noise. eps is the same in all runs, so that they minimise the
+# same energy.
 
 camera = data.camera()[60:140, 190:270] / 255
 noisy = camera + np.random.default_rng(0).normal(0, 0.1, camera.shape)
@@ -45,8 +46,7 @@ figure = gr.plot.energy(runs, minimum=exact.lower_bound)
 figure
 
 # %%
-# What a run knows of itself: a callback sees the energy and the gap at each check. The gap is never less than what
-# the energy lacks to the minimum.
+# A callback gets the energy and the gap at each check. The gap is never less than the energy above the minimum.
 
 seen = []
 result = gr.regularize(noisy, grid, solver=gr.Certified(tol=1e-6, method="dual"), callback=seen.append, **problem)

@@ -2,9 +2,9 @@
 Choosing the fidelity
 =====================
 
-Too large a lam leaves noise, too small a one takes the picture away. Where the truth is known the best lam can be
-looked up; this page compares it with what :mod:`gpureg.tuning` finds without it: the discrepancy principle, which
-takes away as much as there is noise, and Stein's estimate of the error (SURE), which is made least.
+If lam is too large the noise stays, if it is too small details are lost. Where the clean picture is known, the best lam
+can be found with it. This page compares it with what :mod:`gpureg.tuning` finds without the clean picture: by the
+discrepancy principle, which removes as much as there is noise, and by minimising Stein's estimate of the error (SURE).
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from skimage import data
 import gpureg as gr
 
 # %%
-# Many values of lam in one call: each run begins where the last one ended. The certified solver makes sure that
-# nothing but lam differs between them.
+# Many values of lam in one call: each run starts from the result of the run before. The certified solver makes sure
+# that the results differ in lam only.
 
 sigma = 20.0
 camera = data.camera()[60:188, 180:308].astype(float)
@@ -35,7 +35,7 @@ def psnr(image):
 
 
 def denoiser(lam):
-    """The function of a picture whose error is to be estimated."""
+    """Return the function of a picture whose error is estimated."""
     return lambda image: gr.regularize(image, grid, lam=lam, **problem).value
 
 
@@ -45,8 +45,8 @@ for lam, error, estimate in zip(path.values, errors, estimates, strict=True):
     print(f"lam = {lam:.4f}: mean squared error {error:6.2f}, SURE {estimate:6.2f}")
 
 # %%
-# The choices. ``denoise_image`` has a rule of its own, and searches with ``lam="sure"`` or ``lam="discrepancy"``;
-# there sigma is estimated too.
+# The choices. ``denoise_image`` has its own rule, and searches with ``lam="sure"`` or ``lam="discrepancy"``; it
+# estimates sigma too.
 
 found = gr.tuning.discrepancy(noisy, grid, sigma, p=1, solver=gr.Certified(tol=1e-5))
 choices = {"discrepancy": found.lam}
