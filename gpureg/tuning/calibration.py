@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import choice, flag, integer
+from ..checks import choice, flag, integer, number
 from ..doors import door
 from ..noise.white import estimate_noise
 from .risk import Denoiser, j_invariance, sure
@@ -133,7 +133,7 @@ def calibrate(
         if sigma is None:
             noise = estimate_noise(image, channel_axis=channel_axis, mask=mask)
         else:
-            noise = float(sigma) if isinstance(sigma, int | float) else np.asarray(sigma)
+            noise = np.asarray(sigma) if np.ndim(sigma) else number("sigma", sigma, low=0)
         known = noise
 
         def loss(one: Denoiser) -> float:
