@@ -9,6 +9,7 @@ import pytest
 
 import gpureg as gr
 from bench import quality
+from gpureg.files import pictures
 
 
 @pytest.fixture
@@ -112,7 +113,7 @@ def house(monkeypatch, tmp_path):
     """A table of one small picture."""
     clean = np.kron(np.array([[60, 180], [200, 90]], np.uint8), np.ones((12, 12), np.uint8))
     (tmp_path / "images").mkdir()
-    gr.io.write_picture(tmp_path / "images" / "house.png", gr.io.Picture(clean))
+    pictures.write_picture(tmp_path / "images" / "house.png", pictures.Picture(clean))
     monkeypatch.setenv("GPUREG_DATA", str(tmp_path))
     monkeypatch.setattr(quality, "PICTURES", {"house": "house.png"})
     return tmp_path

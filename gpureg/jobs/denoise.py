@@ -66,14 +66,14 @@ def denoise_file(
     layout = layout_of(picture, source, settings.each, settings.spacing)
     inside, nans, masked = inside_of(picture, source, settings.mask)
     slices = layout.turned(picture.pixels, picture.axes)
-    kept = None if inside is None else layout.turned(inside, picture.axes.replace("C", ""))
+    valid = None if inside is None else layout.turned(inside, picture.axes.replace("C", ""))
     axis = None if picture.channel_axis is None else -1
     measure: Callable[[npt.NDArray[Any]], tuple[float, float]] | None = None
     quality: list[tuple[float, float]] = []
     if settings.reference is not None:
         clean, limits = _reference(picture, source, beside(settings.reference, source))
         clean = layout.turned(clean, picture.axes)
-        measure = partial(_quality, clean=clean, kept=kept, limits=limits, axis=axis)
+        measure = partial(_quality, clean=clean, valid=valid, limits=limits, axis=axis)
         quality.append(measure(slices))
     guides: npt.NDArray[Any] | None = None
     if settings.guide is not None:
@@ -85,7 +85,7 @@ def denoise_file(
     with progress_bar(progress and len(slices) > 1 and not settings.explain, len(slices), "slices") as done:
         for i, part in enumerate(slices):
             done(i)
-            mask = None if kept is None or kept[i].all() else kept[i]
+            mask = None if valid is None or valid[i].all() else valid[i]
             if mask is not None and not mask.any():
                 values.append(part)
                 continue
@@ -161,13 +161,13 @@ def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[
 def _quality(
     slices: npt.NDArray[Any],
     clean: npt.NDArray[Any],
-    kept: npt.NDArray[np.bool_] | None,
+    valid: npt.NDArray[np.bool_] | None,
     limits: tuple[float, float],
     axis: int | None,
 ) -> tuple[float, float]:
     """PSNR of all slices, and SSIM, of which slices and time have the mean."""
-    if kept is not None:
-        slices = np.where(kept if axis is None else kept[..., None], slices, np.nan)
+    if valid is not None:
+        slices = np.where(valid if axis is None else valid[..., None], slices, np.nan)
     cells = slices.ndim - (axis is not None)
     try:
         if len(slices) == 1 and cells <= 4:

@@ -65,14 +65,14 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     layout = layout_of(picture, source, settings.each, settings.spacing)
     inside, nans, masked = inside_of(picture, source, settings.mask)
     slices = layout.turned(picture.pixels, picture.axes)
-    kept = None if inside is None else layout.turned(inside, cells)
+    valid = None if inside is None else layout.turned(inside, cells)
     markers = None if settings.markers is None else _markers(picture, source, settings.markers, layout)
     arrays: dict[str, list[npt.NDArray[Any]]] = {option: [] for option in outputs}
     errors, runs, count = Errors(), list[RegionRun](), 0
     with progress_bar(progress and len(slices) > 1, len(slices), "slices") as done:
         for i, part in enumerate(slices):
             done(i)
-            mask = None if kept is None or kept[i].all() else kept[i]
+            mask = None if valid is None or valid[i].all() else valid[i]
             if mask is not None and not mask.any():
                 parts = _untouched(part, mask.shape)
             else:

@@ -56,13 +56,13 @@ class Errors:
         of_fine, of_output, count, low, high = self.fine, self.output, self.count, self.low, self.high
         # row by row: as float64 the differences of a large picture would take several times its memory
         for i, row in enumerate(part):
-            kept = slice(None) if inside is None else inside[i]
-            values = row[kept].astype(np.float64)
+            valid = slice(None) if inside is None else inside[i]
+            values = row[valid].astype(np.float64)
             if values.size:
                 count += values.size
                 low, high = min(low, float(values.min())), max(high, float(values.max()))
-                of_fine += float(((fine[i][kept] - values) ** 2).sum())
-                of_output += float(((value[i][kept] - values) ** 2).sum())
+                of_fine += float(((fine[i][valid] - values) ** 2).sum())
+                of_output += float(((value[i][valid] - values) ** 2).sum())
         return Errors(of_fine, of_output, count, low, high)
 
     def psnr(self, dtype: npt.DTypeLike) -> dict[str, float]:

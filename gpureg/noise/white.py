@@ -86,9 +86,9 @@ def estimate_noise(
     variances = []
     for channel in blocks(image, channel_axis, mask):
         each = []
-        for block, kept in channel:
+        for block, valid in channel:
             with np.errstate(over="ignore", invalid="ignore"):  # values beyond 1e150 give infinity
-                each.append(block_sigma(block, kept) ** 2)
+                each.append(block_sigma(block, valid) ** 2)
         variances.append(sum(each) / len(each) if each else math.nan)
     found = np.array(variances)
     if per_channel:

@@ -133,7 +133,7 @@ def calibrate(
         if sigma is None:
             noise = estimate_noise(image, channel_axis=channel_axis, mask=mask)
         else:
-            noise = number("sigma", sigma, low=0) if np.ndim(sigma) == 0 else np.asarray(sigma)
+            noise = np.asarray(sigma) if np.ndim(sigma) else number("sigma", sigma, low=0)
         known = noise
 
         def loss(one: Denoiser) -> float:

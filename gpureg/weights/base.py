@@ -82,7 +82,7 @@ class EdgeWeights(Weights):
     ----------
     reads_data : bool
         Whether the weights depend on the data f0. Where they do not, a stored graph's are computed once: those of the
-        last such function are kept for as long as the graph lives.
+        last such function are cached for as long as the graph lives.
     """
 
     reads_data: ClassVar[bool] = True
@@ -113,9 +113,9 @@ class EdgeWeights(Weights):
         return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
 
     def _of_stored(self, graph: Graph, f0: FloatArray) -> FloatArray:
-        kept = None if self.reads_data else _last.get(graph)
-        if kept is not None and kept[0] == self:
-            return kept[1]
+        cached = None if self.reads_data else _last.get(graph)
+        if cached is not None and cached[0] == self:
+            return cached[1]
         values = self.between(graph, f0, graph.edge_rows(), graph.indices)
         values = check_weights(values, (graph.n_edges,), "one per directed edge")
         if not self.reads_data:
