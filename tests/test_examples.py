@@ -11,8 +11,8 @@ import pytest
 PAGE = Path(__file__).parent.parent / "docs" / "images.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
 
-# Two lines of a section, and the least difference in dB of the second from the first: a little less than on the page, so
-# that the last digits of another device or library do not matter.
+# Two lines of a section, and the least difference in dB of the second from the first: a little less than on the page,
+# so that the last digits of another device or library do not matter.
 GAINS = [
     ("Without parameters", "noisy", "denoised", 9.0),
     ("A volume", "noisy", "denoise_image", 15.0),
