@@ -13,9 +13,9 @@ The figures were drawn when this page was made, with small data, by one command:
 $ gpureg figures paper/ --quick
 ```
 
-Without `--quick` the data are larger; this takes two minutes on two cores. `--image`, `--mesh` and `--curve` take your own
-data, and `--only 3` draws one figure. All numbers are written as JSON too. Parameters that the paper gives are used; the
-others are listed under each figure.
+Without `--quick` the data are larger; this takes two minutes on two cores. `--image`, `--mesh` and `--curve` take
+your own data, and `--only 3` draws one figure. All numbers are written as JSON too. Parameters that the paper gives are
+used; the others are listed under each figure.
 """
 
 
