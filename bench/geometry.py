@@ -107,18 +107,18 @@ def quality(quick: bool) -> Iterator[str]:
                 lambda filter=filter, mesh=noisy: gr.denoise_mesh((mesh.vertices, mesh.faces), filter=filter)[0],
                 bar,
             )
-            for filter, bar in (("normals", normals), ("vertices", positions))
+            for filter, bar in (("normals", normals), ("positions", positions))
         ]
         works = [("noisy", lambda mesh=noisy: mesh.vertices, None), *ours]
         works += [(peer, work, None) for peer, work in mesh_peers(noisy.vertices, faces)]
         for title, work, bar in works:
-            if title in ("normals", "vertices"):
+            if title in ("normals", "positions"):
                 work()
             vertices, seconds = timed(work)
             mesh = (vertices, faces)
             yield row(
                 name,
-                f"gpureg {title}" if title in ("normals", "vertices") else title,
+                f"gpureg {title}" if title in ("normals", "positions") else title,
                 f"{gr.metrics.normal_angle_error(mesh, truth):.2f}",
                 bar,
                 f"{gr.metrics.vertex_error(mesh, truth):.3f}",
@@ -147,7 +147,7 @@ def growth(quick: bool) -> Iterator[str]:
             noisy = vertices + np.random.default_rng(0).normal(0, 0.2 * edge, vertices.shape)
             works: list[tuple[str, Callable[[], Any]]] = [
                 (f"gpureg {filter}", lambda filter=filter, x=noisy, f=faces: gr.denoise_mesh((x, f), filter=filter))
-                for filter in ("vertices", "normals")
+                for filter in ("positions", "normals")
             ]
             for title, work in [*works, *mesh_peers(noisy, faces)]:
                 _, seconds = timed(work)
@@ -244,8 +244,8 @@ def curves(quick: bool) -> Iterator[str]:
         points = gr.read_curves(path).curves[0].points
         points = points * [np.cos(np.radians(points[:, 1].mean())), 1]
         for function in ("directions", "positions"):
-            gr.simplify_curve(points, function=function)
-            simple, seconds = timed(lambda f=function: gr.simplify_curve(points, function=f))
+            gr.simplify_curve(points, filter=function)
+            simple, seconds = timed(lambda f=function: gr.simplify_curve(points, filter=f))
             count = len(simple)
             other, slow = timed(lambda n=count: douglas_peucker(points, n))
             for title, kept, spent in ((f"gpureg {function}", simple, seconds), ("Douglas and Peucker", other, slow)):

@@ -132,7 +132,7 @@ def measure(
         row = [accuracies(exact(W, labels), labels, of, classes)]
         for k, p in enumerate(ps):
             begin = time.perf_counter()
-            _, scores = gr.propagate_labels(graph, labels, p=p, norm=norm, return_scores=True, **call)
+            _, scores = gr.propagate_labels(labels, graph, p=p, norm=norm, return_scores=True, **call)
             seconds[k] += (time.perf_counter() - begin) / seeds
             row.append(accuracies(scores, labels, of, classes))
         found.append(row)

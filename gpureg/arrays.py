@@ -38,6 +38,23 @@ def integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
     return array
 
 
+def computed_type(dtype: npt.DTypeLike | None) -> np.dtype[Any]:
+    """The type to compute in: float32, which None means, or float64, in the machine's order of bytes.
+
+    Raises
+    ------
+    ValueError
+        Another type.
+    """
+    try:
+        kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
+    except TypeError:
+        raise ValueError(f"dtype must be float32 or float64, got {dtype!r}") from None
+    if kind not in (np.float32, np.float64):
+        raise ValueError(f"dtype must be float32 or float64, got {kind}")
+    return kind
+
+
 def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
     """`values` as an array; a numpy masked array, whose mask would be lost, is refused."""
     if isinstance(values, np.ma.MaskedArray):

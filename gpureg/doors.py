@@ -14,13 +14,33 @@ from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar, overload
 
 P = ParamSpec("P")
+D = TypeVar("D")
 R = TypeVar("R")
+T = TypeVar("T")
 
 # The public function that the caller wrote, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
-RENAMED: dict[str, dict[str, str]] = {}
+RENAMED: dict[str, dict[str, str]] = {
+    "denoise_image": {"nearest": "k"},
+    "denoise_nl_means": {"a": "patch_sigma"},
+    "inpaint_image": {"mask": "missing"},
+    "patch": {"radius": "patch_radius", "a": "patch_sigma"},
+    "patch_graph": {"a": "patch_sigma"},
+    "plan_denoising": {"nearest": "k"},
+    "Regions.hierarchy": {"lams": "lam", "tol": "merge_tol"},
+    "Regions.merged": {"tol": "merge_tol"},
+    "simplify_image": {"merge": "merge_tol"},
+    "regularization_path": {"lams": "lam"},
+    "point_patches": {"side": "patch_radius, which is (side - 1) / 2,"},
+    "segment_mesh": {"lams": "lam", "met_at": "merge_tol"},
+    "simplify_curve": {"function": "filter"},
+}
 """Parameters that had another name before: function, old name, what to write now."""
+
+
+@overload
+def door(function: type[T], /) -> type[T]: ...
 
 
 @overload
@@ -34,11 +54,12 @@ def door(
 
 
 def door(function: Any = None, /, *, name: str | None = None, options: Mapping[str, Any] | None = None) -> Any:
-    """Mark a public function.
+    """Mark a public function, or a public class, whose constructor is then the function.
 
     Parameters
     ----------
-    function : callable
+    function : callable or class
+        A class stays the same object; above a dataclass's own decorator.
     name : str, optional
         What an error calls it. None takes the function's own name.
     options : mapping, optional
@@ -53,6 +74,10 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
+    if isinstance(function, type):
+        constructor = function.__init__  # type: ignore[misc]
+        function.__init__ = door(name=name or function.__name__)(constructor)  # type: ignore[misc]
+        return function
     called = name or function.__name__
     renamed = RENAMED.get(called, {})
     signature = inspect.signature(function)
@@ -75,7 +100,7 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
         except (TypeError, ValueError) as error:
             if type(error) in (TypeError, ValueError) and len(error.args) == 1:
                 said = str(error.args[0])
-                if not said.startswith((f"{called}:", f"{called}()")):
+                if not said.startswith((f"{called}:", f"{called}()", f"{called}.__init__()")):
                     error.args = (f"{called}: {said}",)
             raise
         finally:
@@ -83,6 +108,34 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
 
     outermost.__signature__ = signature  # type: ignore[attr-defined]
     return outermost
+
+
+def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:
+    """Make a function of what it returns of the result of another one, whose parameters it takes.
+
+    Parameters
+    ----------
+    work : callable
+        What does the work. Its result says more than the caller of the new function asked for.
+
+    Returns
+    -------
+    callable
+        A decorator of functions from the result of `work` to what the caller gets. The parameters, their types and
+        their defaults are written once, at `work`, and documented at the decorated function.
+    """
+
+    def decorator(part: Callable[[D], R]) -> Callable[P, R]:
+        @functools.wraps(part)
+        def function(*args: P.args, **given: P.kwargs) -> R:
+            return part(work(*args, **given))
+
+        own = inspect.signature(part).return_annotation
+        function.__signature__ = inspect.signature(work).replace(return_annotation=own)  # type: ignore[attr-defined]
+        function.__annotations__ = work.__annotations__ | {"return": own}
+        return function
+
+    return decorator
 
 
 def _with_options(signature: inspect.Signature, options: Mapping[str, Any]) -> inspect.Signature:

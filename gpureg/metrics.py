@@ -1,4 +1,4 @@
-"""How far a mesh or a curve is from another: :mod:`gpureg.metrics`.
+"""Measure meshes and curves, and how far one is from another: :mod:`gpureg.metrics`.
 
 Meshes are whatever :func:`gpureg.denoise_mesh` takes: (vertices, faces), or those of trimesh, PyVista and Open3D.
 """
@@ -12,21 +12,25 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import FloatArray, IntArray, checked_points
+from .doors import door
 from .graphs.of_shapes import face_edges
+from .shapes.ends import ends_of
 from .shapes.surface import Surface, face_normals, face_vectors, surface_of
 
 # Pairs of a point and an element that are looked at together.
 _PAIRS = 1 << 20
 
 
+@door
 def area(mesh: Any) -> float:
-    """The area of a mesh: that of all its faces."""
+    """Measure the area of a mesh: that of all its faces."""
     surface = surface_of(mesh)
     return float(np.linalg.norm(face_vectors(surface.vertices, surface.faces), axis=1).sum())
 
 
+@door
 def volume(mesh: Any) -> float:
-    """The volume that a mesh encloses, > 0 where its normals lead outwards.
+    """Measure the volume that a mesh encloses, > 0 where its normals lead outwards.
 
     Of an open mesh it is that under the cone from the mean of the vertices over its borders.
 
@@ -42,8 +46,9 @@ def volume(mesh: Any) -> float:
     return float((a * np.cross(b, c)).sum() / 6)
 
 
+@door
 def is_watertight(mesh: Any) -> bool:
-    """Whether every edge is one of exactly two faces, which go along it in opposite directions.
+    """Say whether every edge is one of exactly two faces, which go along it in opposite directions.
 
     Vertices on the same point count as one, and faces without an area of their own corners as none.
     """
@@ -56,8 +61,9 @@ def is_watertight(mesh: Any) -> bool:
     return len(proper) > 0 and len(np.unique(there)) == len(there) and np.array_equal(np.sort(there), np.sort(back))
 
 
+@door
 def normal_angle_error(mesh: Any, truth: Any) -> float:
-    """The mean angle between the normals of corresponding faces, in degrees.
+    """Measure the mean angle between the normals of corresponding faces, in degrees.
 
     Parameters
     ----------
@@ -79,8 +85,9 @@ def normal_angle_error(mesh: Any, truth: Any) -> float:
     return float(np.degrees(2 * np.arcsin(np.minimum(half, 1))).mean())
 
 
+@door
 def vertex_error(mesh: Any, truth: Any) -> float:
-    """The mean distance between corresponding vertices of faces, in mean edges of the truth.
+    """Measure the mean distance between corresponding vertices of faces, in mean edges of the truth.
 
     Raises
     ------
@@ -104,8 +111,9 @@ def _alike(mesh: Any, truth: Any) -> tuple[Surface, Surface]:
     return a, b
 
 
+@door
 def distance_to_surface(points: npt.ArrayLike, mesh: Any) -> FloatArray:
-    """The distance of each point from the nearest point of a mesh's faces, exactly, (n,).
+    """Measure the distance of each point from the nearest point of a mesh's faces, exactly, (n,).
 
     Parameters
     ----------
@@ -129,10 +137,12 @@ def distance_to_surface(points: npt.ArrayLike, mesh: Any) -> FloatArray:
     return _distances(x, triangles[solid], _to_triangles)
 
 
+@door
 def hausdorff(mesh: Any, other: Any) -> float:
-    """The two-sided Hausdorff distance between two meshes: no point of either is further than this from the other.
+    """Measure the two-sided Hausdorff distance between two meshes.
 
-    Taken at the vertices, the midpoints of edges and of faces of each, exactly to the faces of the other.
+    No point of either is further than this from the other. It is taken at the vertices, the midpoints of edges and of
+    faces of each, exactly to the faces of the other.
 
     Raises
     ------
@@ -151,13 +161,28 @@ def _samples(surface: Surface) -> FloatArray:
     return np.concatenate([v[np.unique(faces)], v[edges].mean(axis=1), v[faces].mean(axis=1)])
 
 
-def curve_length(points: npt.ArrayLike, closed: bool = True) -> float:
-    """The length of a polygonal curve."""
-    return float(np.linalg.norm(np.diff(_segments(points, closed), axis=1)[:, 0], axis=1).sum())
+@door
+def curve_length(points: npt.ArrayLike, closed: bool | None = None) -> float:
+    """Measure the length of a polygonal curve.
+
+    Parameters
+    ----------
+    points : (n, d) array
+        The vertices in order.
+    closed : bool, optional
+        Whether the last vertex is joined to the first. None: as :func:`gpureg.denoise_curve` says.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not real and finite.
+    """
+    return float(np.linalg.norm(np.diff(_segments(checked_points(points), closed), axis=1)[:, 0], axis=1).sum())
 
 
+@door
 def curve_area(points: npt.ArrayLike) -> float:
-    """The area inside a closed curve of the plane, > 0 where it goes round against the clock.
+    """Measure the area inside a closed curve of the plane, > 0 where it goes round against the clock.
 
     Examples
     --------
@@ -173,12 +198,28 @@ def curve_area(points: npt.ArrayLike) -> float:
     return float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2)
 
 
-def curve_hausdorff(points: npt.ArrayLike, other: npt.ArrayLike, closed: bool = True) -> float:
-    """The two-sided Hausdorff distance between two polygonal curves, both closed or both open.
+@door
+def curve_hausdorff(points: npt.ArrayLike, other: npt.ArrayLike, closed: bool | None = None) -> float:
+    """Measure the two-sided Hausdorff distance between two polygonal curves, both closed or both open.
 
     Taken at the vertices and the midpoints of the segments of each, exactly to the segments of the other.
+
+    Parameters
+    ----------
+    points, other : (n, d) and (m, d) arrays
+        The vertices in order.
+    closed : bool, optional
+        Whether the last vertex of each is joined to its first. None: as :func:`gpureg.denoise_curve` says of the one
+        of more vertices.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not real and finite, curves of different dimensions.
     """
-    a, b = _segments(points, closed), _segments(other, closed)
+    one, two = checked_points(points), checked_points(other)
+    shut = ends_of(one if len(one) >= len(two) else two, closed).closed
+    a, b = _segments(one, shut), _segments(two, shut)
     if a.shape[2] != b.shape[2]:
         raise ValueError(f"the curves must lie in the same space, got {a.shape[2]} and {b.shape[2]} dimensions")
 
@@ -189,11 +230,10 @@ def curve_hausdorff(points: npt.ArrayLike, other: npt.ArrayLike, closed: bool = 
     return max(one_way(a, b), one_way(b, a))
 
 
-def _segments(points: npt.ArrayLike, closed: bool) -> FloatArray:
+def _segments(x: FloatArray, closed: bool | None) -> FloatArray:
     """The segments of a curve, (s, 2, d); of a single point one of length 0."""
-    x = checked_points(points)
     ends = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
-    return ends if closed or len(x) == 1 else ends[:-1]
+    return ends if ends_of(x, closed).closed or len(x) == 1 else ends[:-1]
 
 
 # Distances of points (k, d) from elements (k, corners, d), one by one.

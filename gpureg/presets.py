@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .checks import integer, number
+from .doors import door
 from .images.bilateral import denoise_bilateral
 from .images.nl_means import denoise_nl_means
-from .images.raster import checked
+from .images.raster import Raster
 
 __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
 
@@ -30,6 +32,7 @@ __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "openc
 _OPENCV_CUT, _SKIMAGE_CUT = 1e-3, math.exp(-5)
 
 
+@door
 def opencv_bilateral(
     image: npt.ArrayLike, d: int, sigma_color: float, sigma_space: float, **settings: Any
 ) -> npt.NDArray[Any]:
@@ -61,10 +64,15 @@ def opencv_bilateral(
     -----
     Within 1e-5 of the range on float32, one grey level on 8 bits.
     """
+    d, sigma_color, sigma_space = (
+        integer("d", d),
+        number("sigma_color", sigma_color, finite=False),
+        number("sigma_space", sigma_space, finite=False),
+    )
     _only_grey(image, settings, "bilateralFilter adds up the absolute differences of the channels")
     if min(sigma_color, sigma_space) <= np.finfo(np.float32).eps:
-        return checked(image, None, None).copy()
-    radius = max(round(sigma_space * 1.5) if d <= 0 else int(d) // 2, 1)
+        return Raster.of(image).values.copy()
+    radius = max(round(sigma_space * 1.5) if d <= 0 else d // 2, 1)
     return denoise_bilateral(
         image,
         radius=radius,
@@ -76,6 +84,7 @@ def opencv_bilateral(
     )
 
 
+@door
 def opencv_nl_means(
     image: npt.ArrayLike,
     h: float = 3,
@@ -110,7 +119,9 @@ def opencv_nl_means(
     Within one grey level of OpenCV on 8-bit pictures. Its integers take distances in steps of 64/49 and weights in
     steps of 1/19,000; what they leave is less than a rounding.
     """
-    patch, search = int(template_window_size) // 2, int(search_window_size) // 2
+    h = number("h", h, above=0)
+    patch = integer("template_window_size", template_window_size, low=1) // 2
+    search = integer("search_window_size", search_window_size, low=2) // 2
     return denoise_nl_means(
         image,
         patch_radius=patch,
@@ -123,6 +134,7 @@ def opencv_nl_means(
     )
 
 
+@door
 def skimage_nl_means(
     image: npt.ArrayLike,
     patch_size: int = 7,
@@ -156,14 +168,15 @@ def skimage_nl_means(
     -----
     scikit-image approximates the exponential by shifting bits, some percent off; what that leaves is held by the test.
     """
-    radius = int(patch_size) // 2
-    channels = 1 if channel_axis is None else np.shape(image)[channel_axis]
+    radius = integer("patch_size", patch_size, low=0) // 2
+    h = number("h", h, above=0)
+    _, channels = axes_and_channels(image, channel_axis)
     return denoise_nl_means(
         image,
         patch_radius=radius,
-        radius=int(patch_distance),
+        radius=integer("patch_distance", patch_distance, low=1),
         h=h * math.sqrt(channels),
-        a=(2 * radius) / 4 if radius else None,
+        patch_sigma=(2 * radius) / 4 if radius else None,
         sigma=sigma,
         cut=_SKIMAGE_CUT,
         channel_axis=channel_axis,
@@ -171,6 +184,7 @@ def skimage_nl_means(
     )
 
 
+@door
 def gputools_bilateral(
     image: npt.ArrayLike, size_filter: int, sigma_p: float, sigma_x: float = 10.0, **settings: Any
 ) -> npt.NDArray[Any]:
@@ -196,11 +210,14 @@ def gputools_bilateral(
     -----
     Within 1e-5 of the range on float32.
     """
+    radius = integer("size_filter", size_filter, low=1)
+    sigma_p, sigma_x = number("sigma_p", sigma_p, above=0), number("sigma_x", sigma_x, above=0, finite=False)
     return denoise_bilateral(
-        image, radius=size_filter, sigma_space=sigma_x, sigma_value=sigma_p, border="nearest", **settings
+        image, radius=radius, sigma_space=sigma_x, sigma_value=sigma_p, border="nearest", **settings
     )
 
 
+@door
 def gputools_nl_means(
     image: npt.ArrayLike, sigma: float, size_filter: int = 2, size_search: int = 3, **settings: Any
 ) -> npt.NDArray[Any]:
@@ -227,21 +244,28 @@ def gputools_nl_means(
     Within 1e-5 of the range on float32, further than size_filter + size_search from the border; nearer gputools repeats
     the edge of its maps of distances, where the distances of patches over the border would be.
     """
+    sigma, size_filter = number("sigma", sigma, above=0), integer("size_filter", size_filter, low=0)
     return denoise_nl_means(
         image,
         patch_radius=size_filter,
-        radius=size_search,
+        radius=integer("size_search", size_search, low=1),
         h=_flat(image, sigma, size_filter, None),
         border="nearest",
         **settings,
     )
 
 
+def axes_and_channels(image: npt.ArrayLike, channel_axis: int | None) -> tuple[int, int]:
+    """The axes of an image's grid, and its channels."""
+    shape = np.shape(image)
+    if channel_axis is None:
+        return len(shape), 1
+    return len(shape) - 1, shape[integer("channel_axis", channel_axis, low=-len(shape), high=len(shape) - 1)]
+
+
 def _flat(image: npt.ArrayLike, H: float, patch_radius: int, channel_axis: int | None) -> float:
     """The h of w2 from that of a root mean square difference over a flat patch."""
-    shape = np.shape(image)
-    axes = len(shape) - (channel_axis is not None)
-    channels = 1 if channel_axis is None else shape[channel_axis]
+    axes, channels = axes_and_channels(image, channel_axis)
     return H * math.sqrt(channels * (2 * patch_radius + 1) ** axes)
 
 

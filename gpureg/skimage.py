@@ -9,21 +9,25 @@ scikit-image's code departs from its documentation, these compute what the docum
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from . import presets
+from .checks import choice, flag, integer, number
+from .doors import door
 from .images.bilateral import denoise_bilateral as _bilateral
+from .images.borders import Border
 from .images.nl_means import denoise_nl_means as _nl_means
 from .images.total_variation import denoise_tv as _tv
+from .regularization.options import RUN, Run
 from .solvers import Check
 
 __all__ = ["denoise_bilateral", "denoise_nl_means", "denoise_tv_chambolle"]
 
 # numpy.pad's names for borders, which scikit-image uses, and ours.
-_BORDERS = {
+_BORDERS: dict[str, Border] = {
     "constant": "constant",
     "edge": "nearest",
     "symmetric": "symmetric",
@@ -45,6 +49,7 @@ def _as_float(image: npt.ArrayLike, preserve_range: bool = False) -> npt.NDArray
     return np.maximum(scaled, -1.0)
 
 
+@door(options=RUN)
 def denoise_nl_means(
     image: npt.ArrayLike,
     patch_size: int = 7,
@@ -55,7 +60,7 @@ def denoise_nl_means(
     *,
     preserve_range: bool = False,
     channel_axis: int | None = None,
-    backend: str = "auto",
+    **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
     """``skimage.restoration.denoise_nl_means``, on any device, in one run for every mode.
 
@@ -74,7 +79,7 @@ def denoise_nl_means(
     preserve_range : bool, default False
         Leave integers as they are, instead of making 0..1 of them.
     channel_axis : int, optional
-    backend : str, default "auto"
+    backend, dtype, memory, callback, progress
         As in :func:`gpureg.denoise_image`.
 
     Returns
@@ -87,6 +92,11 @@ def denoise_nl_means(
     ValueError, TypeError
         As :func:`gpureg.denoise_nl_means`.
 
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
+
     Notes
     -----
     Documented there: patches of patch_size x patch_size. Its fast mode sums (patch_size - 1)^2 pixels, off centre, and
@@ -94,27 +104,28 @@ def denoise_nl_means(
     the exponential; here it is exact. Its fast mode pads by reflection and lets padded pixels vote, as here; the slow
     one does not.
     """
-    array = _as_float(image, preserve_range)
-    if not fast_mode:
+    array = _as_float(image, flag("preserve_range", preserve_range))
+    h = number("h", h, above=0)
+    if not flag("fast_mode", fast_mode):
         return presets.skimage_nl_means(
-            array, patch_size, patch_distance, h, sigma, channel_axis=channel_axis, backend=backend
+            array, patch_size, patch_distance, h, sigma, channel_axis=channel_axis, **options
         )
-    radius = int(patch_size) // 2
-    channels = 1 if channel_axis is None else array.shape[channel_axis]
-    axes = array.ndim - (channel_axis is not None)
+    radius = integer("patch_size", patch_size, low=0) // 2
+    axes, channels = presets.axes_and_channels(array, channel_axis)
     return _nl_means(
         array,
         patch_radius=radius,
-        radius=int(patch_distance),
+        radius=integer("patch_distance", patch_distance, low=1),
         h=h * math.sqrt(channels * (2 * radius + 1) ** axes),
         sigma=sigma,
         cut=math.exp(-5),
         border="reflect",
         channel_axis=channel_axis,
-        backend=backend,
+        **options,
     )
 
 
+@door(options=RUN)
 def denoise_bilateral(
     image: npt.ArrayLike,
     win_size: int | None = None,
@@ -125,7 +136,7 @@ def denoise_bilateral(
     cval: float = 0,
     *,
     channel_axis: int | None = None,
-    backend: str = "auto",
+    **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
     """``skimage.restoration.denoise_bilateral``, for any number of axes and channels.
 
@@ -145,7 +156,8 @@ def denoise_bilateral(
     cval : float, default 0
         The value there for "constant".
     channel_axis : int, optional
-    backend : str, default "auto"
+    backend, dtype, memory, callback, progress
+        As in :func:`gpureg.denoise_image`.
 
     Returns
     -------
@@ -157,16 +169,22 @@ def denoise_bilateral(
     ValueError, TypeError
         As :func:`gpureg.denoise_bilateral`, and an unknown `mode`.
 
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
+
     Notes
     -----
     Documented there: a Gaussian of the Euclidean distance between two pixels. Its code reads a table of such Gaussians
     with the wrong stride, so that the kernel is skewed: 0.06 to 0.5 off on camera in 0..1. Here it is round.
     """
-    if mode not in _BORDERS:
-        raise ValueError(f"mode must be one of {', '.join(_BORDERS)}, got {mode!r}")
+    choice("mode", mode, _BORDERS)
+    integer("bins", bins)
+    sigma_spatial = number("sigma_spatial", sigma_spatial, above=0)
     array = _as_float(image)
-    side = max(5, 2 * math.ceil(3 * sigma_spatial) + 1) if win_size is None else int(win_size)
-    color = float(array.std()) if sigma_color is None else float(sigma_color)
+    side = max(5, 2 * math.ceil(3 * sigma_spatial) + 1) if win_size is None else integer("win_size", win_size, low=1)
+    color = float(array.std()) if sigma_color is None else number("sigma_color", sigma_color, low=0)
     if color == 0:
         return array.copy()  # a constant image, the same whatever its weights
     return _bilateral(
@@ -175,12 +193,13 @@ def denoise_bilateral(
         sigma_space=math.sqrt(2) * sigma_spatial,
         sigma_value=math.sqrt(2) * color,
         border=_BORDERS[mode],
-        constant=cval,
+        constant=number("cval", cval),
         channel_axis=channel_axis,
-        backend=backend,
+        **options,
     )
 
 
+@door(options=RUN)
 def denoise_tv_chambolle(
     image: npt.ArrayLike,
     weight: float = 0.1,
@@ -188,7 +207,7 @@ def denoise_tv_chambolle(
     max_num_iter: int = 200,
     *,
     channel_axis: int | None = None,
-    backend: str = "auto",
+    **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
     """``skimage.restoration.denoise_tv_chambolle`` by eq. 31 at p = 1, for any number of axes.
 
@@ -203,7 +222,8 @@ def denoise_tv_chambolle(
         Iterations at most.
     channel_axis : int, optional
         Axis of the channels, each denoised by itself, as there.
-    backend : str, default "auto"
+    backend, dtype, memory, callback, progress
+        As in :func:`gpureg.denoise_image`.
 
     Returns
     -------
@@ -215,6 +235,11 @@ def denoise_tv_chambolle(
     ValueError, TypeError
         As :func:`gpureg.denoise_tv`, a weight that is not > 0.
 
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
+
     Notes
     -----
     Minimises sum |grad f| + 1/(2 weight) |f - f0|^2. |grad f| is that of the graph whose edges weigh 1/2: the
@@ -223,22 +248,24 @@ def denoise_tv_chambolle(
     the energy lacks the factor 1/2 that the documentation gives it, and the default `eps` stops some percent above the
     minimum.
     """
-    if not (math.isfinite(weight) and weight > 0):
-        raise ValueError(f"weight must be finite and > 0, got {weight}")
+    weight, eps = number("weight", weight, above=0), number("eps", eps, low=0)
     array = _as_float(image)
     energies: list[float] = []
+    also = options.pop("callback", None)
 
     def settled(check: Check) -> bool:
         energies.append(check.energy)
+        if also is not None and also(check):
+            return True
         return len(energies) > 1 and abs(energies[-2] - energies[-1]) < eps * abs(energies[0])
 
+    handed: dict[str, Any] = {**options, "callback": settled}
     # sqrt(1/2) of every difference is taken out of the norm, which is of degree 1
     return _tv(
         array,
         lam=math.sqrt(2) / weight,
         coupled=False,
-        max_iter=int(max_num_iter),
-        callback=settled,
+        max_iter=integer("max_num_iter", max_num_iter, low=0),
         channel_axis=channel_axis,
-        backend=backend,
+        **handed,
     )

@@ -67,7 +67,7 @@ def half_weights(grid: GridGraph, seed: int = 17) -> FloatArray:
     """Random weights in [0, 1) that float32 holds exactly, one in eight of them 0, once per pair: (K/2, *shape)."""
     random = rng(seed).random((grid.half_window, *grid.shape), dtype=np.float32)
     random[random < 0.125] = 0
-    return (random * grid.unit_half_weights()).astype(np.float64)
+    return (random * grid.edges.unit_half()).astype(np.float64)
 
 
 def irregular(n: int, n_edges: int, *, isolated: int, weighted: bool = True, seed: int = 23) -> Graph:

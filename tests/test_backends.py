@@ -363,7 +363,7 @@ class Forms:
 
     def host(self, edges):
         """A function on the edges as a backend takes it."""
-        return self.graph.edges_to_window(edges) if isinstance(self.graph, GridGraph) else edges
+        return self.graph.edges.scatter(edges) if isinstance(self.graph, GridGraph) else edges
 
     def on(self, backend):
         if self.directed:
@@ -583,7 +583,7 @@ def test_patch_distance(backend, case, dtype):
     exact = oracle().get_weights(oracle().patch_distance(graph, f, form))
     rho = oracle().get_weights(oracle().patch_distance(graph, f, dataclasses.replace(form, scale=None)))
     if isinstance(graph, GridGraph):
-        ndim, inside = graph.ndim, graph.unit_half_weights()
+        ndim, inside = graph.ndim, graph.edges.unit_half()
         spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * ndim)
     else:
         ndim = 1 if graph.grid is None else graph.grid.ndim

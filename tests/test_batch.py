@@ -140,8 +140,8 @@ def test_a_file_by_another_name_is_found_out(raw):
         (("--lam", "shure"), "discrepancy, sure, j-invariance"),
         (("--guide", "raw", "--p", 1), "--guide needs"),
         (("--norm", "edge"), "--norm edge needs"),
-        (("--nearest", 5), "--nearest needs"),
-        (("--nearest", 0, "--p", 1), "must be >= 1, got 0"),
+        (("--k", 5), "--k needs"),
+        (("--k", 0, "--p", 1), "must be >= 1, got 0"),
     ],
     ids=str,
 )
@@ -154,15 +154,15 @@ def test_rehearsal_refuses_no_right_option():
     for settings in (
         Settings(),
         Settings(p=1, max_iter=10**9, tol=0),
-        Settings(kind="bilateral", sigma_space=0.1, sigma_value=1e-9),
-        Settings(kind="patch", patch_radius=9, radius=30),
+        Settings(weights="bilateral", sigma_space=0.1, sigma_value=1e-9),
+        Settings(weights="patch", patch_radius=9, radius=30),
         Settings(radius=0.3, spacing=(0.2, 0.1, 0.1), axes="ZYX"),
         Settings(sigma=1e9, dtype="float64"),
-        Settings(kind="constant"),
+        Settings(weights="constant"),
         Settings(p=1, lam="sure", sigma=1e-3),
-        Settings(p=1.5, norm="edge", nearest=10**6),
+        Settings(p=1.5, norm="edge", k=10**6),
         Settings(centre="none", average_patches="plain"),
-        Settings(kind="bilateral", centre="largest", guide=Path("guide.png")),
+        Settings(weights="bilateral", centre="largest", guide=Path("guide.png")),
     ):
         rehearse(settings)
 

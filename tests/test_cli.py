@@ -268,8 +268,8 @@ def test_lam_is_fidelity(noisy, tmp_path):
         ),
         (["--weights", "patch"], ["nonlocal weights", "15x15 window", "5x5 flat patches"]),
         (
-            ["--weights", "patch", "--patch-radius", "1", "--h", "33", "--patch-std", "0.8", "--radius", "5"],
-            ["11x11 window", "3x3 Gaussian (a = 0.8) patches", "h = 33"],
+            ["--weights", "patch", "--patch-radius", "1", "--h", "33", "--patch-sigma", "0.8", "--radius", "5"],
+            ["11x11 window", "3x3 Gaussian (patch_sigma = 0.8) patches", "h = 33"],
         ),
         (["--weights", "patch", "--p", "1"], ["nonlocal weights", "p = 1"]),
     ],
@@ -344,12 +344,12 @@ def test_norm(noisy, tmp_path):
 
 @pytest.mark.parametrize("options", [("--p", 1), ("--weights", "patch"), ("--weights", "patch", "--p", 1.5)], ids=str)
 def test_nearest(noisy, tmp_path, options):
-    got = report(noisy, tmp_path / "o.png", *options, "--nearest", 6, "--radius", 4)
+    got = report(noisy, tmp_path / "o.png", *options, "--k", 6, "--radius", 4)
     assert ", 6 nearest" in got["filter"]
     pixels, p = read_picture(noisy).pixels, got["p"]
     sigma = gpureg.estimate_noise(pixels)
     weights = gpureg.weights.patch(2, 3 * sigma, sigma=sigma) if "patch" in options else None
-    want = gpureg.denoise_image(pixels, p=p, weights=weights, nearest=6, radius=4, backend="numpy")
+    want = gpureg.denoise_image(pixels, p=p, weights=weights, k=6, radius=4, backend="numpy")
     np.testing.assert_array_equal(read_picture(tmp_path / "o.png").pixels, want)
     assert np.abs(want - clean_picture(1, 255)).mean() < np.abs(pixels - clean_picture(1, 255)).mean()
 
@@ -440,10 +440,10 @@ def target(request, tmp_path) -> Path:
         (["--norm", "edges"], ["--norm", "edges", "vertex"]),
         (["--norm", "edge"], ["--norm edge needs", "--p"]),
         (["--norm", "edge", "--p", "2"], ["--norm edge needs", "--p"]),
-        (["--nearest", "0", "--p", "1"], [">= 1, got 0"]),
-        (["--nearest", "2.5", "--p", "1"], ["--nearest", "2.5"]),
-        (["--nearest", "5"], ["--nearest needs", "--weights patch"]),
-        (["--nearest", "5", "--p", "1", "--weights", "bilateral"], ["--nearest needs", "--weights patch"]),
+        (["--k", "0", "--p", "1"], [">= 1, got 0"]),
+        (["--k", "2.5", "--p", "1"], ["--k", "2.5"]),
+        (["--k", "5"], ["--k needs", "--weights patch"]),
+        (["--k", "5", "--p", "1", "--weights", "bilateral"], ["--k needs", "--weights patch"]),
         (["--guide", "nowhere.png", "--p", "1"], ["--guide needs", "bilateral or patch"]),
         (["--guide", "nowhere.png", "--weights", "constant"], ["--guide needs", "bilateral or patch"]),
         (["--centre", "twice"], ["--centre", "twice", "largest"]),
@@ -456,7 +456,7 @@ def target(request, tmp_path) -> Path:
         (["--average-patches", "all"], ["--average-patches", "all", "weighted"]),
         (["--average-patches", "plain", "--weights", "bilateral"], ["--average-patches plain needs --weights patch"]),
         (["--average-patches", "plain", "--max-iter", "2"], ["--average-patches plain", "one sweep"]),
-        (["--average-patches", "weighted", "--weights", "patch", "--nearest", "5"], ["one sweep", "--nearest"]),
+        (["--average-patches", "weighted", "--weights", "patch", "--k", "5"], ["one sweep", "--k"]),
         (["--average-patches", "plain", "--lam", "0"], ["--lam 0", "--centre none"]),
         (["--sigma", "-5"], ["sigma must", "-5"]),
         (["--sigma", "nan"], ["sigma must", "nan"]),
@@ -467,7 +467,7 @@ def target(request, tmp_path) -> Path:
         (["--weights", "gauss"], ["--weights", "gauss", "bilateral"]),
         (["--weights", "patch", "--patch-radius", "-1"], ["radius must", "-1"]),
         (["--weights", "patch", "--h", "0"], ["h must", "0"]),
-        (["--weights", "patch", "--patch-std", "-1"], ["must", "-1"]),
+        (["--weights", "patch", "--patch-sigma", "-1"], ["must", "-1"]),
         (["--weights", "bilateral", "--sigma-space", "0"], ["sigma_space must", "0"]),
         (["--weights", "bilateral", "--sigma-value", "-2"], ["sigma_value must", "-2"]),
         (["--max-iter", "-1"], ["max_iter must", "-1"]),

@@ -60,7 +60,7 @@ def test_denoise(noisy):
     assert told["reference"]["after"] < 0.5 * told["reference"]["before"]
     assert told["hausdorff"] == pytest.approx(gr.metrics.curve_hausdorff(NOISY, expected))
     lines = done(run(noisy, "out.csv", "--reference", "clean.csv")).splitlines()
-    assert [line.split()[0] for line in lines] == ["noise", "filter", "quality", "errors", "done"]
+    assert [line.split()[0] for line in lines] == ["noise", "filter", "ends", "quality", "errors", "done"]
     assert done(run(noisy, noisy, "--quiet")) == ""
 
 
@@ -71,7 +71,7 @@ def test_simplify():
     assert sorted(map(tuple, found.points.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert told["vertices"] == {"before": 100, "after": 4} and told["hausdorff"] < 1e-12
     assert "left     12 of 100 vertices, 12 %" in done(
-        run("square.svg", "out.svg", "--n-vertices", 12, "--function", "positions")
+        run("square.svg", "out.svg", "--n-vertices", 12, "--filter", "positions")
     )
 
 
@@ -140,19 +140,37 @@ def test_pictures(noisy):
             call_()
 
 
+def test_the_report_says_which_curves_are_closed(noisy):
+    assert report(noisy, "out.csv")["ends"] == [
+        {"closed": True, "why": "near", "gap": pytest.approx(np.linalg.norm(NOISY[-1] - NOISY[0]))}
+    ]
+    track = np.stack([np.linspace(0, 5, 60), np.linspace(50, 55, 60)], 1)
+    gr.write_curves("track.csv", [CurveInFile(track, False, NONE[:60])])
+    told = report("track.csv", "out.csv")
+    assert told["closed"] == 0 and told["ends"][0]["why"] == "apart" and "area" not in told
+    assert np.array_equal(gr.read_curves("out.csv").curves[0].points[[0, -1]], track[[0, -1]])
+    lines = done(run("track.csv", "out.csv", "--closed")).splitlines()
+    assert lines[2] == "ends     closed as given; its ends are 7.07 apart"
+    gr.write_curves("a.geojson", [CurveInFile(NOISY, True, NONE), CurveInFile(track, False, NONE[:60])])
+    words = done(run("a.geojson", "b.geojson", "--no-degrees"))
+    gap = np.linalg.norm(NOISY[-1] - NOISY[0])
+    said = f"1 closed (as the file says, {gap:.3g} apart), 1 open (as the file says, 7.07 apart)"
+    assert f"\nends     {said}\n" in words
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
         (["--simplify", "--sigma", "1"], 2, "--sigma is for denoising"),
-        (["--simplify", "--free-ends"], 2, "--free-ends is for denoising"),
-        (["--function", "positions"], 2, "give --simplify too"),
+        (["--simplify", "--no-keep-ends"], 2, "--no-keep-ends is for denoising"),
+        (["--filter", "positions"], 2, "give --simplify too"),
         (["--simplify", "--lam", "0"], 2, "lam must be > 0"),
         (["--n-vertices", "2"], 2, "n_vertices must be at least 3"),
         (["--skeleton", "out.csv"], 2, "would both be written to out.csv"),
         (["--skeleton", "bones.png"], 1, "the extension of curves must be one of"),
         (["--picture", "a.doc"], 2, "extension must be one of"),
         (["--reference", "nope.csv"], 1, "nope.csv: no such file"),
-        (["--p", "0"], 2, "p must be a number > 0"),
+        (["--p", "0"], 2, "p must be finite and > 0"),
         (["--backend", "abacus"], 2, "abacus"),
     ],
 )

@@ -16,7 +16,7 @@ import trimesh
 from commands import call, done, environment, failed, on_terminal, process
 
 import gpureg as gr
-from gpureg.cli import mesh as command
+from gpureg.cli.mesh import mesh as command
 from gpureg.meshes.reading import FORMATS, read_mesh
 from gpureg.meshes.writing import write_mesh
 
@@ -92,12 +92,12 @@ def test_one_format_becomes_another():
 def test_all_that_can_be_asked_for(noisy):
     told = report(
         noisy, "out.ply",
-        "--filter", "vertices", "--p", 1.5, "--lam", 2, "--weights", "inverse-square", "--norm", "edge", "--fix-border",
-        "--max-displacement", 0.02, "--max-iter", 7, "--eps", 0.01, "--tol", 1e-9, "--dtype", "float64",
+        "--filter", "positions", "--p", 1.5, "--lam", 2, "--weights", "inverse-square", "--norm", "edge",
+        "--fix-border", "--max-displacement", 0.02, "--max-iter", 7, "--eps", 0.01, "--tol", 1e-9, "--dtype", "float64",
         "--sigma", 0.1,
     )  # fmt: skip
     expected = gr.denoise_mesh(
-        (NOISY, FACES), filter="vertices", p=1.5, lam=2, weights=gr.weights.inverse_distance(2), norm="edge",
+        (NOISY, FACES), filter="positions", p=1.5, lam=2, weights=gr.weights.inverse_distance(2), norm="edge",
         fix_border=True, max_displacement=0.02, max_iter=7, eps=0.01, tol=1e-9, dtype="float64", backend="numpy",
     )[0]  # fmt: skip
     assert np.array_equal(read_mesh("out.ply").vertices, expected.astype(np.float32))
@@ -109,8 +109,8 @@ def test_all_that_can_be_asked_for(noisy):
         (["--weights", "constant"], {}),
         (["--taubin"], {"taubin": True}),
     ):
-        assert run(noisy, "out.ply", "--filter", "vertices", *options, "--quiet").output == ""
-        expected = gr.denoise_mesh((NOISY, FACES), filter="vertices", backend="numpy", **named)[0]
+        assert run(noisy, "out.ply", "--filter", "positions", *options, "--quiet").output == ""
+        expected = gr.denoise_mesh((NOISY, FACES), filter="positions", backend="numpy", **named)[0]
         assert np.array_equal(read_mesh("out.ply").vertices, expected.astype(np.float32))
 
 
@@ -204,11 +204,11 @@ def test_out_may_be_in(noisy):
         (["--lam", "-1"], 2, "lam must be"),
         (["--sigma", "-1"], 2, "sigma must be finite and >= 0"),
         (["--filter", "edges"], 2, "'edges' is not one of"),
-        (["--taubin"], 2, 'needs filter="vertices"'),
-        (["--taubin", "--filter", "vertices", "--p", "1"], 2, "knows no p"),
-        (["--weights", "cotangent"], 2, "give --filter vertices"),
+        (["--taubin"], 2, 'needs filter="positions"'),
+        (["--taubin", "--filter", "positions", "--p", "1"], 2, "knows no p"),
+        (["--weights", "cotangent"], 2, "give --filter positions"),
         (["--values", "colours"], 1, "it has none"),
-        (["--values", "colours", "--filter", "vertices"], 2, "leave --filter out"),
+        (["--values", "colours", "--filter", "positions"], 2, "leave --filter out"),
         (["--simplify", "--filter", "normals"], 2, "--filter is for denoising"),
         (["--n-vertices", "50", "--max-displacement", "1"], 2, "--max-displacement is for denoising"),
         (["--n-vertices", "3"], 2, "at least 4"),

@@ -17,7 +17,7 @@ from commands import call, done, environment, failed, noisy_picture, on_terminal
 from scipy import ndimage
 
 import gpureg as gr
-from gpureg.cli import simplify
+from gpureg.cli.simplify import simplify
 from gpureg.files.pictures import Picture, read_picture, write_picture
 
 
@@ -101,11 +101,11 @@ def test_all_that_can_be_asked_for(tmp_path, noisy):
         noisy, tmp_path / "out.png",
         *("--sources", "gradient", "--smooth", 0.75, "--metric", "chebyshev", "--compactness", 1, "--model", "median"),
         *("--p", 0.5, "--lam", 0.3, "--weights", "border", "--norm", "edge", "--rings", 2, "--by-size"),
-        *("--max-iter", 50, "--eps", 0.5, "--merge", 4, "--dtype", "float64"),
+        *("--max-iter", 50, "--eps", 0.5, "--merge-tol", 4, "--dtype", "float64"),
     )  # fmt: skip
     found = gr.simplify_image(
         read_picture(noisy).pixels, sources="gradient", smooth=0.75, metric="chebyshev", compactness=1, model="median",
-        p=0.5, lam=0.3, weights="border", norm="edge", rings=2, by_size=True, max_iter=50, eps=0.5, merge=4,
+        p=0.5, lam=0.3, weights="border", norm="edge", rings=2, by_size=True, max_iter=50, eps=0.5, merge_tol=4,
         backend="numpy", dtype="float64",
     )  # fmt: skip
     assert np.array_equal(read_picture(tmp_path / "out.png").pixels, found.value)
@@ -183,9 +183,9 @@ def test_a_series_slice_by_slice(tmp_path):
         (["--h", "2", "--weights", "border"], 2, "--h needs --weights similarity"),
         (["--weights", "bilateral"], 2, "needs --sigma-space"),
         (["--sigma-value", "2"], 2, "--sigma-value needs --weights bilateral"),
-        (["--merge", "-1"], 2, "--merge must be >= 0"),
-        (["--smooth", "nan"], 2, "smooth must be a number >= 0"),
-        (["--rings", "0"], 2, "rings must be at least 1"),
+        (["--merge-tol", "-1"], 2, "--merge-tol must be >= 0"),
+        (["--smooth", "nan"], 2, "smooth must be finite and >= 0"),
+        (["--rings", "0"], 2, "rings must be >= 1, got 0"),
         (["--labels", "l.png"], 1, "labels are written as TIFF"),
         (["--labels", "out.png"], 2, "would both be written to"),
         (["--fine", "in.png"], 2, "which is read; give another file"),

@@ -186,7 +186,7 @@ def test_pieces_are_contracted():
         ({"lam": 0}, ValueError, "lam must be finite and > 0"),
         ({"lam": "auto"}, TypeError, "lam must be a number"),
         ({"p": -1}, ValueError, "p must"),
-        ({"k": 0}, ValueError, "k must be at least 1"),
+        ({"k": 0}, ValueError, "k must be >= 1"),
         ({"weights": "gaussian"}, TypeError, "weights must be an object"),
         ({"weights": np.ones(3)}, ValueError, "one per stored directed edge"),
     ],

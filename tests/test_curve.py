@@ -7,8 +7,9 @@ import pytest
 from skimage.measure import approximate_polygon, find_contours
 
 import gpureg as gr
-from gpureg.curves.denoise import curves_of, denoised_curves
-from gpureg.curves.simplify import simplified_curves
+from gpureg.curves.curves import curves_of
+from gpureg.curves.denoise import denoised
+from gpureg.curves.simplify import simplified
 from gpureg.metrics import curve_area, curve_hausdorff
 
 
@@ -141,17 +142,17 @@ def test_it_goes_with_motions_of_the_plane():
     assert kept == {10}
 
 
-@pytest.mark.parametrize("function", ["directions", "positions"])
-def test_corners_are_kept(function):
+@pytest.mark.parametrize("filter", ["directions", "positions"])
+def test_corners_are_kept(filter):
     curve = star(400)
-    kept = gr.simplify_curve(curve, function=function, n_vertices=40)
+    kept = gr.simplify_curve(curve, filter=filter, n_vertices=40)
     assert len(kept) == 40
     corners = np.where(np.arange(10) % 2, 0.5, 1.0)[:, None] * ring(10)
     gap = np.linalg.norm(corners[:, None] - kept[None], axis=2).min(axis=1)
     step = 2 * 5 * np.linalg.norm(corners[0] - corners[1]) / 400
     # the curve itself has no vertex nearer than half a step to some corners
-    assert gap.max() <= (1 if function == "directions" else 2) * step
-    if function == "directions":
+    assert gap.max() <= (1 if filter == "directions" else 2) * step
+    if filter == "directions":
         assert len(gr.simplify_curve(curve)) == 10
 
 
@@ -159,7 +160,7 @@ def test_corners_are_kept(function):
 @pytest.mark.parametrize("count", [3, 10, 57])
 def test_a_number_of_vertices_is_that_number(closed, count):
     curve = noisy(star(200), 0.005)
-    [found] = simplified_curves(curves_of(curve, closed), n_vertices=count, p=0.5, norm="edge", eps=1e-3, max_iter=300)
+    [found] = simplified(curve, closed=closed, n_vertices=count, max_iter=300).parts
     assert len(found.points) == len(np.unique(found.kept)) == count
     np.testing.assert_array_equal(found.points, curve[found.kept])
     assert (np.diff(found.kept) > 0).all()
@@ -171,8 +172,8 @@ def test_a_number_of_vertices_is_that_number(closed, count):
 def test_the_coast_of_great_britain(data_folder):
     coast = np.loadtxt(data_folder / "curves" / "great_britain_ne10m.csv", delimiter=",", skiprows=1)
     coast[:, 0] *= np.cos(np.radians(coast[:, 1].mean()))
-    for function, far in (("directions", 4), ("positions", 8)):
-        kept = gr.simplify_curve(coast, function=function)
+    for filter, far in (("directions", 4), ("positions", 8)):
+        kept = gr.simplify_curve(coast, filter=filter)
         assert len(kept) < len(coast) / 2
         assert curve_area(kept) == pytest.approx(curve_area(coast), rel=0.01)
         # Douglas and Peucker's, which bounds the distance itself, at the same number: measured 2.7 and 5.1 times
@@ -185,18 +186,81 @@ def test_the_coast_of_great_britain(data_folder):
 
 
 def test_what_was_chosen_is_told():
-    found = denoised_curves(curves_of([noisy(ring(300), 0.02), ring(50)], True))
+    found = denoised(curves_of([noisy(ring(300), 0.02), ring(50)], True))
     assert found.sigma[0] == pytest.approx(0.02, rel=0.1)
     assert found.lam[0] < found.lam[1]
-    assert found.result is not None
-    assert denoised_curves(curves_of(np.ones((5, 2)), True)).result is None
+    assert len(found.results) == 1
+    assert denoised(np.ones((5, 2)), closed=True).results == ()
+
+
+LINE = np.stack([np.arange(9.0), np.sin(np.arange(9.0))], axis=1)
+GAP = ring(40)[:37]  # four segments are missing
+
+ENDS = {
+    "an outline": (ring(40), True, "near"),
+    "one that repeats its first vertex": (np.concatenate([ring(40), ring(40)[:1]]), True, "repeated"),
+    "nearly": (np.concatenate([ring(40), ring(40)[:1] + 1e-8]), True, "repeated"),
+    "not nearly enough": (np.concatenate([ring(40), ring(40)[:1] + 1e-6]), True, "near"),
+    "a track": (LINE, False, "apart"),
+    "an outline with a gap": (GAP, False, "apart"),
+    "two segments of three": (ring(40)[:39], True, "near"),
+    "a triangle": (ring(3), True, "near"),
+    "two vertices": (LINE[:2], False, "few"),
+    "there and back": (LINE[[0, 1, 0]], False, "few"),
+    "on one point": (np.ones((5, 2)), True, "repeated"),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_closed_or_open(name):
+    points, closed, why = ENDS[name]
+    [ends] = curves_of(points).ends
+    assert (ends.closed, ends.why) == (closed, why)
+    assert ends.gap == pytest.approx(np.linalg.norm(points[-1] - points[0]), abs=1e-15)
+    assert ends.describe().startswith("closed" if closed else "open")
+    for asked in (True, False):
+        if why != "few" or not asked:
+            [ends] = curves_of(points, asked).ends
+            assert (ends.closed, ends.why) == (asked, "given")
+
+
+def test_the_rule_is_that_of_each_curve_and_decides_the_result():
+    island, track = noisy(ring(60), 0.02), noisy(LINE, 0.02)
+    both = gr.denoise_curve([island, track], lam=1.0, solver="jacobi", max_iter=20, dtype="float64")
+    for value, curve, closed in zip(both, (island, track), (True, False), strict=True):
+        alone = gr.denoise_curve(curve, closed=closed, lam=1.0, solver="jacobi", max_iter=20, dtype="float64")
+        np.testing.assert_allclose(value, alone, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(both[1][[0, -1]], track[[0, -1]])
+    simple = gr.simplify_curve([island, track], lam=1.0, max_iter=100)
+    np.testing.assert_array_equal(simple[1][[0, -1]], track[[0, -1]])
+
+
+def test_a_first_vertex_repeated_to_rounding_is_put_back():
+    curve = noisy(ring(60), 0.02)
+    again = np.concatenate([curve, curve[:1] + 1e-10])
+    value = gr.denoise_curve(again)
+    np.testing.assert_array_equal(value, np.concatenate([value[:-1], value[:1]]))
+    np.testing.assert_array_equal(value[:-1], gr.denoise_curve(curve))
+    assert gr.metrics.curve_length(again) == pytest.approx(gr.metrics.curve_length(curve, closed=True))
+    assert gr.metrics.curve_length(LINE) == gr.metrics.curve_length(LINE, closed=False)
+    # of two curves the one of more vertices says it
+    corners = GAP[[0, 18, 36]]
+    assert curve_hausdorff(corners, GAP) == curve_hausdorff(GAP, corners) == curve_hausdorff(GAP, corners, closed=False)
 
 
 CURVE = ring(20)
 
 WRONG = [
+    (lambda: gr.denoise_curve(CURVE, sigma=True), TypeError, "denoise_curve: sigma must be a number, got True"),
+    (lambda: gr.denoise_curve(CURVE, max_iter="3"), TypeError, "max_iter must be an integer, got '3'"),
+    (lambda: gr.denoise_curve(CURVE, lam=np.inf, tol=-1), ValueError, "tol must be finite and >= 0"),
+    (lambda: gr.denoise_curve(CURVE, keep_ends=1), TypeError, "keep_ends must be True or False"),
+    (lambda: gr.denoise_curve(CURVE, lam="much"), TypeError, "lam must be a number, got 'much'"),
+    (lambda: gr.metrics.curve_length(CURVE, closed=1), TypeError, "curve_length: closed must be True or False"),
+    (lambda: gr.skeleton(CURVE, detail=-1), ValueError, "skeleton: detail must be >= 0, got -1"),
     (lambda: gr.denoise_curve([]), ValueError, "list is empty"),
-    (lambda: gr.denoise_curve(CURVE[:2]), ValueError, "a closed one needs 3"),
+    (lambda: gr.denoise_curve(CURVE[:2], closed=True), ValueError, "a closed one needs 3"),
+    (lambda: gr.denoise_curve(CURVE[:1]), ValueError, "an open one needs 2"),
     (lambda: gr.denoise_curve([CURVE, CURVE[:1]], closed=False), ValueError, "curve 1 has 1 vertices"),
     (lambda: gr.denoise_curve([CURVE, np.ones((5, 3))]), ValueError, "as many dimensions"),
     (lambda: gr.denoise_curve(CURVE * np.nan), ValueError, "finite"),
@@ -205,7 +269,8 @@ WRONG = [
     (lambda: gr.denoise_curve(CURVE, sigma=-1), ValueError, "sigma must"),
     (lambda: gr.denoise_curve(CURVE, lam=np.ones(3)), ValueError, "one per vertex"),
     (lambda: gr.denoise_curve(CURVE, fixed=[1, 2]), ValueError, "fixed must be boolean"),
-    (lambda: gr.simplify_curve(CURVE, function="angles"), ValueError, "one of directions, positions"),
+    (lambda: gr.simplify_curve(CURVE, filter="angles"), ValueError, '"directions" or "positions"'),
+    (lambda: gr.simplify_curve(CURVE, function="positions"), TypeError, "'function' is called filter now"),
     (lambda: gr.simplify_curve(CURVE, lam=1, n_vertices=5), ValueError, "not both"),
     (lambda: gr.simplify_curve(CURVE, lam=0), ValueError, "lam must be > 0"),
     (lambda: gr.simplify_curve(CURVE, n_vertices=2), ValueError, "at least 3"),

@@ -174,6 +174,37 @@ def test_csv_of_others(tmp_path):
     assert [len(c.points) for c in opened.curves] == [4, 2]
 
 
+def test_a_csv_says_which_curves_are_closed_as_well_as_it_can(tmp_path):
+    path = tmp_path / "a.csv"
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = np.stack([np.cos(t), np.sin(t)], axis=1)
+
+    def write(*curves):
+        path.write_text(
+            "\n\n".join("\n".join(f"{x!r},{y!r}" for x, y in points.tolist()) for points in curves), "utf-8"
+        )
+
+    # without a vertex that is repeated, near ends are those of a closed curve
+    write(ring, ring[:30])
+    assert [(c.closed, c.ends.why) for c in gr.read_curves(path).curves] == [(True, "near"), (False, "apart")]
+    # one that repeats its first vertex, to rounding, says that the other does not
+    write(np.concatenate([ring, ring[:1] + 1e-9]), ring + 3)
+    found = gr.read_curves(path).curves
+    assert [(len(c.points), c.closed, c.ends.why) for c in found] == [(40, True, "repeated"), (40, False, "source")]
+    assert [c.ends.why for c in gr.read_curves(path, closed=True).curves] == ["given", "given"]
+    with pytest.raises(TypeError, match="read_curves: closed must be True or False"):
+        gr.read_curves(path, closed=1)
+    # a closed curve whose ends are far apart is told by its first vertex, and so are the others of its file
+    none = np.empty((3, 0))
+    write(ring, ring + 5)
+    given = gr.read_curves(path)
+    far = np.array([[0.0, 0], [1, 0], [1, 1], [2, 1], [2, 0], [3, 0], [3, 1], [4, 1], [4, 0], [5, 0], [5, 9]])
+    for like in (given, None):
+        wide = [CurveInFile(far, True, np.empty((11, 0))), CurveInFile(ring[:3], True, none)]
+        gr.write_curves(path, wide, like=like)
+        assert same(gr.read_curves(path).curves, wide)
+
+
 def test_names_of_more():
     [line] = [CurveInFile(np.array([[0.0, 0], [1, 1]]), False, np.array([[0.5, 9], [0.25, 9]]))]
     assert encode_curves("a.csv", [line], names=("radius",)) == b"x,y,radius\n0,0,0.5\n1,1,0.25\n"
@@ -184,7 +215,8 @@ def test_names_of_more():
     [
         ("a.csv", "", "is empty"),
         ("a.csv", "x\n1\n2\n", "two coordinates"),
-        ("a.csv", "x,y\n1,2\n3,4\n", "curve 0 has 2 vertices, it needs 3"),
+        ("a.csv", "x,y\n1,2\n", "curve 0 has 1 vertices, it needs 2"),
+        ("a.svg", "<svg><polygon points='0,0 1,1'/></svg>", "curve 0 has 2 vertices, it needs 3"),
         ("a.csv", "x,y\n1,2\n3,nan\n5,6\n", "not finite"),
         ("a.csv", "x,y\n1,2\n3\n", "line 3"),
         ("a.svg", "<svg", "damaged, or no XML"),

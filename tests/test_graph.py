@@ -52,11 +52,11 @@ REFUSED_GRAPHS = [
     (ValueError, "positions must be finite", lambda: Graph(*PATH, None, np.full((3, 2), np.nan))),
     (ValueError, r"positions .* got shape \(3,\)", lambda: Graph(*PATH, None, np.zeros(3))),
     (ValueError, "the grid has 4 vertices, the graph 3", lambda: Graph(*PATH, None, None, GridGraph(4))),
-    (ValueError, r"edges must have shape \(E, 2\), got \(1, 3\)", lambda: Graph.from_edges([[0, 1, 2]])),
+    (ValueError, r"edges must have shape \(E, 2\) or \(2, E\), got \(1, 3\)", lambda: Graph.from_edges([[0, 1, 2]])),
     (ValueError, r"edges must have 2 dimension", lambda: Graph.from_edges([0, 1])),
     (TypeError, "edges must hold integers", lambda: Graph.from_edges([[0.0, 1.0]])),
     (ValueError, "without edges needs n_vertices", lambda: Graph.from_edges([])),
-    (ValueError, "without edges needs n_vertices", lambda: Graph.from_edges([], n_vertices=0)),
+    (ValueError, "n_vertices must be >= 1, got 0", lambda: Graph.from_edges([], n_vertices=0)),
     (ValueError, r"edges must join vertices 0\.\.1, got 0\.\.2", lambda: Graph.from_edges([[0, 2]], n_vertices=2)),
     (ValueError, r"edges must join vertices 0\.\.2, got -1\.\.2", lambda: Graph.from_edges([[-1, 2]])),
     (ValueError, r"weights must have shape \(1,\).*per undirected edge", lambda: Graph.from_edges([[0, 1]], [1, 2])),
@@ -166,12 +166,12 @@ REFUSED_GRIDS = [
     (ValueError, "shape must hold one or more integers >= 1, got 0", lambda: GridGraph(0)),
     (ValueError, r"shape must hold .* got \(3, -1\)", lambda: GridGraph((3, -1))),
     (ValueError, r"shape must hold .* got \(2\.5, 3\)", lambda: GridGraph((2.5, 3))),
-    (ValueError, "metric must be one of chebyshev, euclidean, cityblock, got 'l2'", lambda: GridGraph(3, 1, "l2")),
+    (ValueError, 'metric must be "chebyshev", "euclidean" or "cityblock", got .l2', lambda: GridGraph(3, 1, "l2")),
     (ValueError, r"spacing must hold 2 finite numbers > 0, got \(1,\)", lambda: GridGraph((3, 3), spacing=(1,))),
     (ValueError, "spacing must hold 2 finite", lambda: GridGraph((3, 3), spacing=(1, 0))),
     (ValueError, "spacing must hold 2 finite", lambda: GridGraph((3, 3), spacing=(1, np.inf))),
     (ValueError, "radius must reach the nearest neighbour, got 0.5", lambda: GridGraph(3, 0.5)),
-    (ValueError, "radius must reach .* got nan", lambda: GridGraph(3, np.nan)),
+    (ValueError, "radius must be > 0, got nan", lambda: GridGraph(3, np.nan)),
     (ValueError, "radius must reach .* got 1", lambda: GridGraph((3, 3), 1, spacing=(2, 3))),
     (ValueError, r"mask must be boolean of shape \(3,\), got int64", lambda: GridGraph(3, mask=[1, 0, 1])),
     (ValueError, r"mask must be boolean of shape \(3,\).*\(2,\)", lambda: GridGraph(3, mask=[True, False])),
@@ -239,7 +239,7 @@ def test_neighbourhoods(shape, radius, metric, spacing, masked):
         for u in inside:
             v = tuple(a + b for a, b in zip(u, step, strict=True))
             starts[(h, *u)] = v in number and (number[u], number[v]) in edges
-    assert_array_equal(grid.unit_half_weights(), starts)
+    assert_array_equal(grid.edges.unit_half(), starts)
 
 
 @pytest.mark.parametrize(("shape", "radius", "metric", "spacing"), GRIDS)
@@ -250,6 +250,41 @@ def test_offsets_are_in_order_and_mirrored(shape, radius, metric, spacing):
     assert offsets == [tuple(-x for x in o) for o in reversed(offsets)]
     assert len(offsets) == 2 * grid.half_window
     assert [tuple(o) for o in grid.forward_offsets.tolist()] == [o for o in offsets if o > (0,) * grid.ndim]
+
+
+@pytest.mark.parametrize(("shape", "radius", "metric", "spacing"), GRIDS)
+def test_numbers_and_places_of_vertices(shape, radius, metric, spacing):
+    grid = GridGraph(shape, radius, metric, spacing=spacing)
+    cells = list(np.ndindex(shape))
+    assert (np.array(cells) @ grid.strides).tolist() == list(range(grid.n_vertices))
+    assert_array_equal(grid.positions(), np.array(cells) * np.array(spacing or (1.0,) * len(shape)))
+    assert grid.steps.shape == (grid.half_window,)
+    for step, offset in zip(grid.steps.tolist(), grid.forward_offsets.tolist(), strict=True):
+        ends = [tuple(np.add(cell, offset)) for cell in cells]
+        assert {cells.index(v) - u for u, v in enumerate(ends) if v in cells} == {step}
+
+
+def test_a_part_of_a_grid():
+    mask = np.random.default_rng(3).random((6, 7)) < 0.7
+    grid = GridGraph((6, 7), 1.5, "euclidean", spacing=(1, 0.5), mask=mask)
+    part = grid.part((slice(2, 5), slice(0, 3)))
+    assert (part.shape, part.radius, part.metric, part.spacing) == ((3, 3), 1.5, "euclidean", (1, 0.5))
+    assert_array_equal(part.mask, mask[2:5, :3])
+    assert GridGraph((6, 7)).part((slice(2, 5), slice(0, 3))).mask is None
+
+
+@pytest.mark.parametrize("name", ["small grid", "small masked", "small volume"])
+def test_a_function_on_the_edges_as_planes(name):
+    grid, graph = cases.graph(name), cases.graph(name).to_graph()
+    values = np.random.default_rng(4).random((grid.n_edges, 2))
+    planes = grid.edges.scatter(values)
+    assert planes.shape == (len(grid.offsets), *grid.shape, 2)
+    vertices, numbers = paper.pixels(grid.shape), {tuple(o): k for k, o in enumerate(grid.offsets.tolist())}
+    expected = np.zeros_like(planes)
+    for i, j, value in zip(graph.edge_rows(), graph.indices, values, strict=True):
+        expected[(numbers[tuple(np.subtract(vertices[j], vertices[i]).tolist())], *vertices[i])] = value
+    assert_array_equal(planes, expected)
+    assert_array_equal(grid.edges.gather(planes), values)
 
 
 def test_a_grid_takes_a_number_for_a_line_and_says_what_it_is():
@@ -280,7 +315,7 @@ def test_a_grid_is_frozen_and_copies_its_mask():
 @pytest.mark.parametrize("name", ["small grid", "small masked", "small row", "small volume"])
 def test_weights_once_per_pair_and_once_per_edge(name):
     grid, half = cases.graph(name), cases.weights(name)
-    values = grid.half_to_edges(half)
+    values = grid.edges.gather_half(half)
     graph = grid.to_graph(half)
     assert values.shape == (grid.n_edges,)
     assert_array_equal(graph.weights, values)
@@ -289,8 +324,8 @@ def test_weights_once_per_pair_and_once_per_edge(name):
     for i, j, w in zip(graph.edge_rows(), graph.indices, values, strict=True):
         u, v = sorted([vertices[i], vertices[j]])
         assert w == half[(numbers[tuple(b - a for a, b in zip(u, v, strict=True))], *u)]
-    assert_array_equal(grid.edges_to_half(values), half)
-    assert_array_equal(grid.edges_to_half(values.tolist()), half)
+    assert_array_equal(grid.edges.scatter_half(values), half)
+    assert_array_equal(grid.edges.scatter_half(values.tolist()), half)
 
 
 @pytest.mark.parametrize("name", ["small grid", "small masked", "small volume"])
@@ -298,7 +333,7 @@ def test_dense_weights(name):
     """(*shape, K): one per offset; what leads out of the grid or the mask is not looked at."""
     grid, half = cases.graph(name), cases.weights(name)
     dense = np.full((*grid.shape, len(grid.offsets)), np.nan)
-    edges = iter(grid.half_to_edges(half))
+    edges = iter(grid.edges.gather_half(half))
     stored = {(int(i), int(j)) for i, j in zip(grid.to_graph().edge_rows(), grid.to_graph().indices, strict=True)}
     vertices = paper.pixels(grid.shape)
     number = {u: i for i, u in enumerate(vertices)}
@@ -306,23 +341,23 @@ def test_dense_weights(name):
         v = tuple(a + b for a, b in zip(u, step, strict=True))
         if v in number and (number[u], number[v]) in stored:
             dense[(*u, k)] = next(edges)
-    assert_array_equal(grid.edges_to_half(dense), half)
+    assert_array_equal(grid.edges.scatter_half(dense), half)
 
 
 def test_weights_of_a_grid_that_do_not_fit():
     grid = cases.graph("small grid")
-    values = grid.half_to_edges(cases.weights("small grid"))
+    values = grid.edges.gather_half(cases.weights("small grid"))
     with pytest.raises(ValueError, match=rf"weights must have shape \({grid.n_edges},\).*or \(4, 7, 8\).*got \(3,\)"):
-        grid.edges_to_half(np.ones(3))
+        grid.edges.scatter_half(np.ones(3))
     with pytest.raises(ValueError, match=r"half weights must have shape \(4, 4, 7\), got \(4, 28\)"):
-        grid.half_to_edges(np.ones((4, 28)))
+        grid.edges.gather_half(np.ones((4, 28)))
     one_way = values.copy()
     one_way[0] += 1
     with pytest.raises(ValueError, match="the same in both directions"):
-        grid.edges_to_half(one_way)
+        grid.edges.scatter_half(one_way)
     for bad, message in ((-1.0, "must be >= 0"), (np.nan, "must be finite"), (np.inf, "must be finite")):
         with pytest.raises(ValueError, match=message):
-            grid.edges_to_half(np.where(values == values[0], bad, values))
+            grid.edges.scatter_half(np.where(values == values[0], bad, values))
 
 
 @pytest.mark.parametrize("block", [1, 17, 1 << 22])
@@ -330,11 +365,11 @@ def test_blocks_of_vertices_do_not_show(monkeypatch, block):
     """Neighbours are listed some vertices at a time, to bound the memory; seams between blocks must not matter."""
     grid, half = cases.graph("masked"), cases.half_weights(cases.graph("masked"))
     expected = grid.to_graph(half)
-    monkeypatch.setattr("gpureg.graphs.grid.BLOCK_ENTRIES", block)
+    monkeypatch.setattr("gpureg.graphs.grid_edges.BLOCK_ENTRIES", block)
     graph = grid.to_graph(half)
     for name in ("indptr", "indices", "weights"):
         assert_array_equal(getattr(graph, name), getattr(expected, name))
-    assert_array_equal(grid.edges_to_half(graph.weights), half)
+    assert_array_equal(grid.edges.scatter_half(graph.weights), half)
 
 
 def test_from_scipy_leaves_the_matrix_as_it_is():

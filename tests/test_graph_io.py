@@ -110,7 +110,7 @@ REFUSED = [
     (lambda: gr.from_networkx(nx.Graph()), "at least one vertex"),
     (lambda: gr.Graph.from_scipy(sparse.eye_array(3), symmetrize="max"), r"self-loops.*A\.setdiag\(0\)"),
     (lambda: gr.Graph.from_scipy(sparse.csr_array((2, 3))), r"square, got shape \(2, 3\)"),
-    (lambda: gr.Graph.from_scipy(DIRECTED, symmetrize="both"), 'None, "max", "mean" or "mutual", got \'both\''),
+    (lambda: gr.Graph.from_scipy(DIRECTED, symmetrize="both"), r"symmetrize must be .* got 'both'"),
     (lambda: gr.Graph.from_scipy(sparse.csr_array([[0, np.nan], [np.nan, 0]])), "finite"),
 ]
 
@@ -125,13 +125,13 @@ def test_refusals(number: int) -> None:
 def test_wrong_types() -> None:
     with pytest.raises(TypeError, match="real numbers, got complex"):
         gr.Graph.from_scipy(sparse.csr_array([[0, 1j], [1j, 0]]))
-    with pytest.raises(TypeError, match="takes a networkx graph, got list"):
+    with pytest.raises(TypeError, match="g must be a networkx graph, got list"):
         gr.from_networkx([(0, 1)])
     with pytest.raises(TypeError, match="real numbers, 'weight' of edge"):
         gr.from_networkx(nx.Graph([(0, 1, {"weight": "heavy"})]))
     with pytest.raises(TypeError, match=r"got a GridGraph: give grid\.to_graph\(\)"):
         gr.write_graph("x.npz", gr.GridGraph(3))
-    with pytest.raises(TypeError, match="to_networkx takes a Graph, got int"):
+    with pytest.raises(TypeError, match="to_networkx: graph must be a Graph, got int"):
         gr.to_networkx(3)
 
 
@@ -268,7 +268,7 @@ def test_a_matrix_market_file_is_refused(tmp_path, kind: str, text: str, says: s
     path.write_text(f"%%MatrixMarket matrix coordinate {kind}\n{text}")
     with pytest.raises(ValueError, match=says) as caught:
         gr.read_graph(path)
-    assert str(caught.value).startswith(str(path))
+    assert str(caught.value).startswith(f"read_graph: {path}")
 
 
 @pytest.mark.parametrize("suffix", [".mtx", ".mtx.gz", ".npz"])

@@ -240,8 +240,8 @@ def test_photograph_with_scratches() -> None:
     ("image", "mask", "error", "says"),
     [
         (np.zeros((4, 5)), np.ones((4, 5), bool), ValueError, "every pixel is missing"),
-        (np.zeros((4, 5)), np.ones((4, 6), bool), ValueError, "mask"),
-        (np.zeros((4, 5)), np.zeros((4, 5)), (ValueError, TypeError), "mask"),
+        (np.zeros((4, 5)), np.ones((4, 6), bool), ValueError, "missing"),
+        (np.zeros((4, 5)), np.zeros((4, 5)), (ValueError, TypeError), "missing"),
         (np.full((4, 5), np.nan), np.eye(4, 5, dtype=bool), ValueError, "finite"),
     ],
 )

@@ -25,7 +25,7 @@ def test_p2_is_the_harmonic_solution(device: str) -> None:
     L = np.diag(W.sum(axis=1)) - W
     indicator = (labels[known][:, None] == np.array([3, 5, 8])).astype(float)
     exact = np.linalg.solve(L[np.ix_(free, free)], W[np.ix_(free, np.flatnonzero(known))] @ indicator)
-    found, scores = gr.propagate_labels(graph, labels, p=2, return_scores=True, backend=device)
+    found, scores = gr.propagate_labels(labels, graph, p=2, return_scores=True, backend=device)
     # float32 weights and sweeps; the start is exact to 1e-7 of the right-hand side, and the sweeps keep it
     assert np.abs(scores[free] - exact).max() < 1e-4
     assert np.abs(scores[main].sum(axis=1) - 1).max() < 1e-5
@@ -45,7 +45,7 @@ def test_larger_p(norm: str, gamma: str) -> None:
     labels = np.full(40, -1)
     labels[[0, 1, 2, 3]] = [0, 1, 0, 1]
     given = {"p": 3, "norm": norm, "gamma": gamma, "eps": 1e-3, **ORACLE}
-    _, scores = gr.propagate_labels(graph, labels, return_scores=True, max_iter=20_000, tol=1e-10, **given)
+    _, scores = gr.propagate_labels(labels, graph, return_scores=True, max_iter=20_000, tol=1e-10, **given)
     f0 = np.stack([labels == 0, labels == 1], axis=1).astype(float)
     lam = np.where(labels >= 0, np.inf, 0)
     plain = gr.regularize(f0, graph, lam=lam, max_iter=20_000, tol=1e-10, **given).value
@@ -57,12 +57,12 @@ def test_grid_and_types() -> None:
     grid = gr.GridGraph((7, 9))
     labels = np.full((7, 9), -1, np.int16)
     labels[3, 1], labels[3, 7] = 4, 2
-    found, scores = gr.propagate_labels(grid, labels, return_scores=True, backend="numpy")
+    found, scores = gr.propagate_labels(labels, grid, return_scores=True, backend="numpy")
     assert found.dtype == np.int16
     assert scores.shape == (7, 9, 2)
     assert (found[:, :4] == 4).all()
     assert (found[:, 5:] == 2).all()
-    flat = gr.propagate_labels(grid, labels.ravel(), backend="numpy")
+    flat = gr.propagate_labels(labels.ravel(), grid, backend="numpy")
     assert np.array_equal(flat.reshape(7, 9), found)
 
 
@@ -71,12 +71,30 @@ def test_balance() -> None:
     graph = gr.Graph.from_edges([[k, k + 1] for k in range(9)])
     labels = np.full(10, -1)
     labels[0], labels[5], labels[6] = 1, 0, 0
-    _, plain = gr.propagate_labels(graph, labels, p=2, return_scores=True, **ORACLE)
-    _, scaled = gr.propagate_labels(graph, labels, p=2, balance=True, return_scores=True, **ORACLE)
+    _, plain = gr.propagate_labels(labels, graph, p=2, return_scores=True, **ORACLE)
+    _, scaled = gr.propagate_labels(labels, graph, p=2, balance=True, return_scores=True, **ORACLE)
     unknown = labels < 0
     assert plain[unknown, 1].mean() < 1 / 3
     assert abs(scaled[unknown, 1].mean() - 1 / 3) < abs(plain[unknown, 1].mean() - 1 / 3)
     assert np.abs(scaled.sum(axis=1) - 1).max() < 1e-12
+
+
+def test_the_graph_comes_second() -> None:
+    graph = gr.Graph.from_edges([[0, 1], [1, 2]])
+    with pytest.raises(TypeError, match=r"labels come first now, then the graph: propagate_labels\(labels, graph\)"):
+        gr.propagate_labels(graph, [1, -1, 2])
+
+
+def test_how_it_is_done_is_handed_on() -> None:
+    """The options of a run: a callback that stops, a limit of memory that is honoured, and no other names."""
+    graph = gr.Graph.from_edges([[0, 1], [1, 2], [2, 3]])
+    checks: list[int] = []
+    gr.propagate_labels([1, -1, -1, 2], graph, callback=lambda check: not checks.append(check.iteration), **ORACLE)
+    assert checks == [0]
+    with pytest.raises(MemoryError, match="only a GridGraph is cut into tiles"):
+        gr.propagate_labels([1, -1, -1, 2], graph, memory=1, **ORACLE)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'steps'"):
+        gr.propagate_labels([1, -1, -1, 2], graph, steps=3)
 
 
 @pytest.mark.parametrize(
@@ -90,9 +108,9 @@ def test_balance() -> None:
 )
 def test_wrong_labels(labels: list, error: type, says: str) -> None:
     with pytest.raises(error, match=says):
-        gr.propagate_labels(gr.Graph.from_edges([[0, 1], [1, 2]]), labels)
+        gr.propagate_labels(labels, gr.Graph.from_edges([[0, 1], [1, 2]]))
     with pytest.raises(TypeError, match="graph must be"):
-        gr.propagate_labels("graph", labels)
+        gr.propagate_labels(labels, "graph")
 
 
 def accuracy(graph: gr.Graph, truth: np.ndarray, count: int, ps: tuple[float, ...], seeds: int) -> dict[float, float]:
@@ -105,7 +123,7 @@ def accuracy(graph: gr.Graph, truth: np.ndarray, count: int, ps: tuple[float, ..
             labels[generator.choice(np.flatnonzero(truth == c), count, replace=False)] = c
         counted = np.isin(part, part[labels >= 0]) & (labels < 0)
         for p in ps:
-            guess = gr.propagate_labels(graph, labels, p=p, max_iter=300, tol=1e-5)
+            guess = gr.propagate_labels(labels, graph, p=p, max_iter=300, tol=1e-5)
             found[p].append(float((guess == truth)[counted].mean()))
     return {p: float(np.mean(values)) for p, values in found.items()}
 

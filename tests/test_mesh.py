@@ -62,13 +62,13 @@ def test_default_parameters_on_noisy_pairs(data_folder, name):
     assert angle_error(clean, truth, faces) <= bar
     assert abs(volume(clean, faces) / volume(truth, faces) - 1) < 0.003  # measured: 0.002 at most
     if name == "bunny34834":
-        smooth, _ = gr.denoise_mesh((vertices, faces), filter="vertices")
+        smooth, _ = gr.denoise_mesh((vertices, faces), filter="positions")
         assert angle_error(smooth, truth, faces) <= 7.4
         assert volume(smooth, faces) / volume(truth, faces) >= 0.98
 
 
 @pytest.mark.parametrize("name", ["iron_scan", "stanford_bunny", "featuretype_cad"])
-@pytest.mark.parametrize("filter", ["normals", "vertices"])
+@pytest.mark.parametrize("filter", ["normals", "positions"])
 def test_hard_meshes_stay_finite(data_folder, name, filter):
     vertices, faces = read(data_folder, name)
     moved, _ = gr.denoise_mesh(vertices, faces, filter=filter)
@@ -86,7 +86,7 @@ def test_one_step_is_trimeshs_laplacian(device):
     theirs.vertices = vertices
     trimesh.smoothing.filter_laplacian(theirs, lamb=1, iterations=1, volume_constraint=False)
     ours, _ = gr.denoise_mesh(
-        (vertices, SPHERE.faces), filter="vertices", lam=0, max_iter=1, solver=gr.Jacobi(damping=1), backend=device
+        (vertices, SPHERE.faces), filter="positions", lam=0, max_iter=1, solver=gr.Jacobi(damping=1), backend=device
     )
     # 1e-6 of the size, which is 2: float32 resolves 1e-7 of the coordinates
     assert np.abs(ours - theirs.vertices).max() < 2e-6
@@ -100,7 +100,7 @@ def test_one_step_at_lam_1_is_the_mean_with_the_vertex_itself(device):
                          for u in range(len(vertices))])  # fmt: skip
     # one step of eq. 31 at p = 2 is (lam f0 + 2 sum w f) / (lam + 2 delta): lam = 2 counts a vertex as its neighbours
     ours, _ = gr.denoise_mesh(
-        (vertices, SPHERE.faces), filter="vertices", lam=2, max_iter=1, solver=gr.Jacobi(damping=1), backend=device
+        (vertices, SPHERE.faces), filter="positions", lam=2, max_iter=1, solver=gr.Jacobi(damping=1), backend=device
     )
     assert np.abs(ours - expected).max() < 2e-6
 
@@ -111,14 +111,14 @@ def test_taubins_pair_is_trimeshs():
     theirs.vertices = vertices
     trimesh.smoothing.filter_taubin(theirs, lamb=0.5, nu=0.53, iterations=7)
     ours, _ = gr.denoise_mesh(
-        (vertices, SPHERE.faces), filter="vertices", taubin=True, max_iter=7, dtype="float64", backend="numpy"
+        (vertices, SPHERE.faces), filter="positions", taubin=True, max_iter=7, dtype="float64", backend="numpy"
     )
     assert np.abs(ours - theirs.vertices).max() < 1e-14  # rounding
 
 
 def test_the_fit_term_stops_shrinkage():
     vertices = noisy(SPHERE, 0.1)
-    held = {"filter": "vertices", "max_iter": 100}
+    held = {"filter": "positions", "max_iter": 100}
     before = volume(vertices, SPHERE.faces)
     shrunk = volume(gr.denoise_mesh((vertices, SPHERE.faces), lam=0, **held)[0], SPHERE.faces) / before
     kept = volume(gr.denoise_mesh((vertices, SPHERE.faces), lam=5, **held)[0], SPHERE.faces) / before
@@ -126,7 +126,7 @@ def test_the_fit_term_stops_shrinkage():
     assert kept > 0.9  # measured 0.92 on this coarse sphere, which its mean curvature pulls in
 
 
-@pytest.mark.parametrize("filter", ["normals", "vertices"])
+@pytest.mark.parametrize("filter", ["normals", "positions"])
 def test_a_mesh_without_noise_stays(filter):
     for mesh in (SPHERE, BOX):
         moved = gr.denoise_mesh(mesh, filter=filter)
@@ -225,7 +225,7 @@ def test_fixed_vertices_borders_and_the_cap():
     border = np.unique(unique[count == 1])
     fixed = np.zeros(len(vertices), bool)
     fixed[::5] = True
-    for filter in ("normals", "vertices"):
+    for filter in ("normals", "positions"):
         found = denoised(
             surface_of(vertices, faces), filter=filter, fixed=fixed, fix_border=True, max_displacement=0.01
         )
@@ -240,14 +240,14 @@ def test_fixed_vertices_borders_and_the_cap():
 def test_fidelity_per_vertex_holds_a_part():
     vertices = noisy(SPHERE, 0.2)
     upper = vertices[:, 2] > 0
-    for filter in ("normals", "vertices"):
+    for filter in ("normals", "positions"):
         lam = np.where(upper, np.inf, 1.0)
         moved = np.linalg.norm(gr.denoise_mesh((vertices, SPHERE.faces), filter=filter, lam=lam)[0] - vertices, axis=1)
         assert moved[upper].max() == 0
         assert moved[vertices[:, 2] < -0.3].mean() > 0.02
 
 
-@pytest.mark.parametrize("filter", ["normals", "vertices"])
+@pytest.mark.parametrize("filter", ["normals", "positions"])
 def test_vertices_that_repeat_do_not_tear(filter):
     vertices, faces = noisy(SPHERE, 0.2), np.array(SPHERE.faces)
     soup, own = vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
@@ -257,7 +257,7 @@ def test_vertices_that_repeat_do_not_tear(filter):
     assert np.abs(torn - whole[faces].reshape(-1, 3)).max() < 1e-5
 
 
-@pytest.mark.parametrize("filter", ["normals", "vertices"])
+@pytest.mark.parametrize("filter", ["normals", "positions"])
 @pytest.mark.parametrize("move", ["far", "turned", "scaled"])
 def test_it_goes_with_motions_of_space(filter, move):
     vertices, faces = noisy(SPHERE, 0.2), SPHERE.faces
@@ -278,7 +278,7 @@ def test_broken_meshes_are_treated_where_they_can_be():
     faces = np.concatenate(
         [SPHERE.faces, [[0, 0, 1], [2, 2, 2], [0, 1, n + 1], [0, 1, n + 2], [*SPHERE.faces[0]]]]
     )  # without area, non-manifold edges, copies, a face twice; vertex n in none
-    for filter in ("normals", "vertices"):
+    for filter in ("normals", "positions"):
         for options in ({}, {"weights": gr.weights.inverse_distance(2)}, {"lam": 0.0}):
             if options.get("weights") is not None and filter == "normals":
                 continue
@@ -319,7 +319,7 @@ def test_cotangent_weights_against_angles():
     found = gr.weights.cotangent(faces).between(graph, vertices, u, v)
     np.testing.assert_allclose(found, np.maximum(expected[u, v], 0), rtol=1e-9, atol=1e-12)
     assert (expected[u, v] < 0).any()
-    smooth, _ = gr.denoise_mesh((vertices, faces), filter="vertices", weights="cotangent")
+    smooth, _ = gr.denoise_mesh((vertices, faces), filter="positions", weights="cotangent")
     assert angle_error(smooth, np.array(SPHERE.vertices), faces) < 0.5 * angle_error(
         vertices, np.array(SPHERE.vertices), faces
     )
@@ -338,10 +338,10 @@ def test_what_was_done_is_told():
     surface = surface_of(vertices, SPHERE.faces)
     assert denoised(surface).describe().startswith("normals of the faces, vertices moved to fit them; p = 1, lam = ")
     assert denoised(surface).describe().endswith("3 rounds of 30 iterations")
-    assert denoised(surface, filter="vertices", lam=0.25, max_iter=9).describe() == (
+    assert denoised(surface, filter="positions", lam=0.25, max_iter=9).describe() == (
         "positions of the vertices; p = 2, lam = 0.25, 9 iterations"
     )
-    assert denoised(surface, filter="vertices", taubin=True).describe() == (
+    assert denoised(surface, filter="positions", taubin=True).describe() == (
         "Taubin's pair of steps, 0.5 and -0.53, 10 steps"
     )
     assert denoised(surface_of(BOX)).describe().endswith("there is no noise to remove")
@@ -355,9 +355,18 @@ WRONG = [
     (lambda: gr.denoise_mesh((MESH[0][:, :2], MESH[1])), ValueError, "\\(n, 3\\)"),
     (lambda: gr.denoise_mesh((MESH[0], np.zeros((0, 3), int))), ValueError, "no face"),
     (lambda: gr.denoise_mesh((MESH[0] * np.nan, MESH[1])), ValueError, "finite"),
-    (lambda: gr.denoise_mesh(MESH, filter="normal"), ValueError, '"normals" or "vertices"'),
-    (lambda: gr.denoise_mesh(MESH, taubin=True), ValueError, 'needs filter="vertices"'),
-    (lambda: gr.denoise_mesh(MESH, filter="vertices", taubin=True, lam=1), ValueError, "knows no p, lam"),
+    (lambda: gr.denoise_mesh(MESH, filter="normal"), ValueError, '"normals" or "positions"'),
+    (lambda: gr.denoise_mesh(MESH, filter="vertices"), ValueError, 'is called filter="positions" now'),
+    (lambda: gr.denoise_mesh(MESH, taubin=1), TypeError, "taubin must be True or False"),
+    (lambda: gr.denoise_mesh(MESH, fix_border="no"), TypeError, "fix_border must be True or False"),
+    (lambda: gr.denoise_mesh(MESH, max_iter=2.5), TypeError, "max_iter must be an integer"),
+    (lambda: gr.denoise_mesh(MESH, lam=np.inf, eps=-1), ValueError, "eps must be finite and >= 0"),
+    (lambda: gr.denoise_mesh(MESH, lam=[1, "a"]), TypeError, "lam must be a number or one per vertex"),
+    (lambda: gr.segment_mesh(MESH, lams=[1.0]), TypeError, "segment_mesh: 'lams' is called lam now"),
+    (lambda: gr.segment_mesh(MESH, met_at=1.0), TypeError, "segment_mesh: 'met_at' is called merge_tol now"),
+    (lambda: gr.segment_mesh(MESH, lam=1.0), ValueError, "lam must be a list of fidelities"),
+    (lambda: gr.denoise_mesh(MESH, taubin=True), ValueError, 'needs filter="positions"'),
+    (lambda: gr.denoise_mesh(MESH, filter="positions", taubin=True, lam=1), ValueError, "knows no p, lam"),
     (lambda: gr.denoise_mesh(MESH, sigma=-1), ValueError, "sigma must be finite and >= 0"),
     (lambda: gr.denoise_mesh(MESH, max_displacement="far"), TypeError, "must be a number"),
     (lambda: gr.denoise_mesh(MESH, values=np.ones(5)), ValueError, f"{N}"),

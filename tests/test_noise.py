@@ -118,7 +118,7 @@ def test_below_the_offset_there_is_read_noise_alone() -> None:
         (np.zeros((5, 5)), {}, ValueError, "at least 200 are needed"),
         (rng(0).normal(100, 1e-9, (99, 99)) // 1e9, {}, ValueError, "pixels are left|one brightness"),
         (np.zeros(5), {}, ValueError, "two or more axes"),
-        (np.zeros((50, 50)), {"offset": np.nan}, ValueError, "offset must be a finite number"),
+        (np.zeros((50, 50)), {"offset": np.nan}, ValueError, "offset must be finite"),
         (np.full((50, 50), np.inf), {}, ValueError, "must be finite"),
         (np.zeros((50, 50), complex), {}, TypeError, "real numbers"),
         (np.zeros((50, 50)), {"mask": np.ones(3, bool)}, ValueError, "mask must have the image's shape"),

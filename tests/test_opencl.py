@@ -64,13 +64,14 @@ def test_every_pack_width_computes_the_same(width: int, kind: str, name: str) ->
     ],
 )
 def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
-    shape: tuple[int, ...], radius: int, metric: str, weighted: bool, channels: int
+    monkeypatch: pytest.MonkeyPatch, shape: tuple[int, ...], radius: int, metric: str, weighted: bool, channels: int
 ) -> None:
     """The same bits from the whole, from blocks of other sizes, and from a part with a halo; from NaN in the ring."""
     if not drivers():
         pytest.skip(backends.absent()["opencl"])
     from gpureg.backends.opencl import primitives as opencl
-    from gpureg.backends.opencl.layout import Blocks, GridLayout, round_up
+    from gpureg.backends.opencl.geometry import Blocks, GridGeometry, round_up
+    from gpureg.backends.opencl.layout import GridLayout
 
     backend = opencl.make(drivers()[0], np.float32)
     grid = GridGraph(shape, radius, metric)  # type: ignore[arg-type]
@@ -86,25 +87,46 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     whole = swept(grid, half, f, f0, lam)
     layout = backend._topology(grid)
     assert isinstance(layout, GridLayout)
-    planned = layout.blocks(channels, 1, weighted, 2)
-    lanes = layout.width
+    geometry, lanes = layout.geometry, layout.width
+    planned = geometry.blocks(channels, 1, weighted, 2)
     for band, stretch in ((2, lanes), (4, 3 * lanes), (shape[0] + 1, round_up(shape[-1], lanes))):
-        ring_pitch = layout.spread(stretch + 2 * round_up(layout.reach, lanes) + lanes)
-        count = (-(-layout.W // stretch), -(-layout.rows // band))
+        ring_pitch = geometry.spread(stretch + 2 * round_up(geometry.reach, lanes) + lanes)
+        count = (-(-geometry.W // stretch), -(-geometry.rows // band))
         size = planned.ring_size // planned.ring_pitch * ring_pitch
         blocks = Blocks(band, stretch, count, planned.slots, ring_pitch, size)
-        layout.blocks = lambda *_, blocks=blocks, **__: blocks  # type: ignore[method-assign, misc]
         layout._rings = backend.upload(np.full(blocks.ring_size * count[0] * count[1], np.nan, np.float32))
-        assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
+        with monkeypatch.context() as patched:
+            patched.setattr(GridGeometry, "blocks", lambda *_, blocks=blocks, **__: blocks)
+            assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
     # a part that begins and ends anywhere, with a halo of two radii
     halo, last = 2 * radius, shape[-1]
     begin, end = last // 3, last // 3 + 21
     wide = slice(begin - halo, end + halo)
     part = GridGraph((*shape[:-1], end - begin + 2 * halo), radius, metric)  # type: ignore[arg-type]
     cut = [x.reshape(*shape, -1)[..., wide, :].reshape(part.n_vertices, -1) for x in (f, f0, lam)]
-    inside = None if half is None else half[..., wide] * part.unit_half_weights()
+    inside = None if half is None else half[..., wide] * part.edges.unit_half()
     found = swept(part, inside, *cut).reshape(*part.shape, channels)[..., halo:-halo, :]
     assert found.tobytes() == whole.reshape(*shape, channels)[..., begin:end, :].tobytes()
+
+
+def test_sizes_are_worked_out_once_a_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job's bytes come from numbers alone: one geometry for many questions, and no layout."""
+    if not drivers():
+        pytest.skip(backends.absent()["opencl"])
+    from gpureg.backends.opencl import primitives as opencl
+    from gpureg.backends.opencl.geometry import GridGeometry
+
+    backend, grid = opencl.make(drivers()[0], np.float32), GridGraph((301, 203), 2)
+    made = []
+    monkeypatch.setattr(
+        GridGeometry, "of", classmethod(lambda cls, *given, of=GridGeometry.of: made.append(given) or of(*given))
+    )
+    monkeypatch.setattr(backend, "upload", None)
+    asked = [backend.function_bytes(grid, 3), backend.edge_bytes(grid), backend.edge_bytes(grid, directed=True)]
+    asked += [backend.topology_bytes(grid), backend.sweep_bytes(grid, 3, 1), *backend.patch_bytes(grid, 3, 1)]
+    assert made == [(grid, backend.lanes, 4)]
+    assert asked[0] >= 4 * 3 * grid.n_vertices
+    assert asked[2] > asked[1] >= 4 * 12 * grid.n_vertices
 
 
 def test_a_job_too_large_for_the_device_says_so() -> None:

@@ -100,6 +100,30 @@ def test_shapes() -> None:
         assert gr.operators.laplacian(f, grid, backend="numpy").shape == shape
 
 
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda f, g: gr.operators.energy(f, f, g, 2, 1, eps="0"), "energy: eps must be a number, got '0'"),
+        (lambda f, g: gr.operators.dirichlet_energy(f, g, "2"), "dirichlet_energy: p must be a number, got '2'"),
+        (lambda f, g: gr.operators.laplacian(f, g, coupled=1), "laplacian: coupled must be True or False, got 1"),
+        (lambda f, g: gr.operators.laplacian(f, g, lam=1), r"laplacian\(\) got an unexpected keyword argument 'lam'"),
+        (lambda f, g: gr.operators.curvature(f, g, eps=None), "curvature: eps must be a number, got None"),
+        (
+            lambda f, g: gr.operators.edge_derivative(f, "g", [[0, 1]]),
+            "edge_derivative: graph must be a Graph, a GridGraph",
+        ),
+        (lambda f, g: gr.operators.divergence(f, "g"), "divergence: graph must be a Graph, a GridGraph, .*, got str"),
+        (
+            lambda f, g: gr.operators.markov_matrix("g"),
+            "markov_matrix: graph must be a Graph, a GridGraph, .*, got str",
+        ),
+    ],
+)
+def test_an_error_names_the_operator_that_was_called(call, says: str) -> None:
+    with pytest.raises(TypeError, match=says):
+        call(np.arange(20.0), gr.GridGraph((4, 5)))
+
+
 def test_wrong_arguments() -> None:
     grid = gr.GridGraph((4, 5))
     f = np.arange(20.0)
@@ -109,6 +133,8 @@ def test_wrong_arguments() -> None:
         (lambda: gr.operators.laplacian(f[:5], grid, backend="numpy"), "f0 must have shape"),
         (lambda: gr.operators.energy(f, np.zeros((20, 2)), grid, 2, 1, backend="numpy"), "same shape"),
         (lambda: gr.operators.energy(f, f, grid, 2, -1, backend="numpy"), "lam must be >= 0"),
+        (lambda: gr.operators.laplacian(f, grid, dtype=int), "dtype must be float32 or float64, got int64"),
+        (lambda: gr.operators.laplacian(f, grid, dtype="word"), "dtype must be float32 or float64, got 'word'"),
     ):
         with pytest.raises(ValueError, match=says):
             call()

@@ -169,7 +169,7 @@ def test_dual_step(dual, classes):
         if p == 1:
             # what makes a certificate of it: inside the unit ball, by exact sums
             found = results[0].astype(np.float64)
-            found = one.graph.window_to_edges(found) if isinstance(one.graph, GridGraph) else found
+            found = one.graph.edges.gather(found) if isinstance(one.graph, GridGraph) else found
             lengths = np.sqrt(one.bounds.norms(found**2))
             assert lengths.max(initial=0) <= one.bounds.share
 

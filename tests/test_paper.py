@@ -164,11 +164,11 @@ class Form:
     def to_host(self, values):
         """One row per edge, in the form that a backend takes."""
         graph = self.case.graph
-        return graph.edges_to_window(values) if isinstance(graph, GridGraph) else values
+        return graph.edges.scatter(values) if isinstance(graph, GridGraph) else values
 
     def from_host(self, values):
         graph = self.case.graph
-        return graph.window_to_edges(values) if isinstance(graph, GridGraph) else values
+        return graph.edges.gather(values) if isinstance(graph, GridGraph) else values
 
 
 both_forms = pytest.mark.parametrize("directed", [False, True], ids=["sqrt(w)", "gamma"])
@@ -328,7 +328,7 @@ def test_the_same_patches_on_a_stored_graph(oracle):
     twin, f0 = grid.to_graph(), cases.function(grid, 3)
     form = PatchForm(profile_of(2, 0.75), shift=0.125, scale=2.0)
     on_grid = oracle.get_weights(oracle.patch_distance(grid, f0, form))
-    assert_close(oracle.get_weights(oracle.patch_distance(twin, f0, form)), grid.half_to_edges(on_grid))
+    assert_close(oracle.get_weights(oracle.patch_distance(twin, f0, form)), grid.edges.gather_half(on_grid))
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -339,7 +339,7 @@ def test_w1(oracle, channels):
     sigma_space, sigma_value = 1.5, 0.4
     spatial = np.exp(-(grid.forward_offsets**2).sum(axis=1) / sigma_space**2)
     form = PatchForm(np.ones(1), scale=1 / sigma_value**2, spatial=spatial)
-    edges = grid.half_to_edges(oracle.get_weights(oracle.patch_distance(grid, f0, form)))
+    edges = grid.edges.gather_half(oracle.get_weights(oracle.patch_distance(grid, f0, form)))
     expected = [paper.w1(u, v, case.functions(f0), sigma_space, sigma_value) for u, v in sorted(case.E)]
     assert_close(edges, expected)
 

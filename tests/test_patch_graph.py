@@ -15,11 +15,16 @@ from gpureg.images import patch_graph as door
 pytestmark = pytest.mark.one_driver
 
 
-def chosen(image, k, *, radius, patch_radius, metric="chebyshev", a=None, mask=None, spacing=None, channel_axis=None):
+def chosen(
+    image, k, *, radius, patch_radius, metric="chebyshev", patch_sigma=None, mask=None, spacing=None, channel_axis=None
+):
     """The k nearest of every pixel, as directed edges between row-major numbers; noise leaves no ties."""
     f0s = functions(image, channel_axis)
     shape = image.shape if channel_axis is None else tuple(np.delete(image.shape, channel_axis))
-    g = paper.flat_patch(patch_radius, len(shape)) if a is None else paper.gaussian_patch(patch_radius, len(shape), a)
+    if patch_sigma is None:
+        g = paper.flat_patch(patch_radius, len(shape))
+    else:
+        g = paper.gaussian_patch(patch_radius, len(shape), patch_sigma)
     pixels = [p for p in np.ndindex(shape) if mask is None or mask[p]]
     number = {p: i for i, p in enumerate(np.ndindex(shape))}
     edges = set()
@@ -36,7 +41,7 @@ def edges_of(graph):
 
 CASES = [
     ((9, 10), None, {"radius": 2, "patch_radius": 1}),
-    ((9, 10), None, {"radius": 3, "patch_radius": 2, "metric": "euclidean", "a": 0.9}),
+    ((9, 10), None, {"radius": 3, "patch_radius": 2, "metric": "euclidean", "patch_sigma": 0.9}),
     ((7, 8, 2), 2, {"radius": 2, "patch_radius": 1, "metric": "cityblock"}),
     ((3, 5, 6), None, {"radius": 2, "patch_radius": 1, "spacing": (2.0, 1.0, 1.0)}),
 ]
@@ -91,7 +96,7 @@ def test_denoise_image_on_the_nearest(device, channel_axis):
     image = picture(20, 21) if channel_axis is None else np.stack([picture(20, 21), picture(20, 21, seed=3)])
     weights = gr.weights.patch(1, 0.6, sigma=0.1)
     settings = {"p": 1, "lam": 5.0, "max_iter": 3, "weights": weights, "backend": device}
-    result = gr.denoise_image(image, nearest=6, radius=3, channel_axis=channel_axis, **settings)
+    result = gr.denoise_image(image, k=6, radius=3, channel_axis=channel_axis, **settings)
     graph = gr.patch_graph(image, 6, radius=3, patch_radius=1, channel_axis=channel_axis, backend=device)
     f0 = image.reshape(-1, 1) if channel_axis is None else image.reshape(2, -1).T
     by_hand = gr.regularize(f0.astype(np.float32), graph, **settings).value

@@ -125,6 +125,18 @@ def test_in_tiles() -> None:
         gr.regularization_path(f0, grid, lam=[2.0, 1.0], solver="certified", **settings)
 
 
+def test_a_callback_sees_every_run_and_stops_one() -> None:
+    seen: list[int] = []
+
+    def look(check: gr.Check) -> bool:
+        seen.append(check.iteration)
+        return len(seen) == 2
+
+    path = gr.regularization_path(noisy(), GRID, lam=[2.0, 1.0], max_iter=20, callback=look, progress=True, **ORACLE)
+    assert [result.stop for result in path] == [gr.Stop.CALLBACK, gr.Stop.MAX_ITER]
+    assert seen == [0, 10, 0, 10, 20]
+
+
 def test_wrong_paths() -> None:
     f0 = noisy()
     with pytest.raises(ValueError, match="must be a sequence of values, got neither"):
@@ -133,8 +145,14 @@ def test_wrong_paths() -> None:
         gr.regularization_path(f0, GRID, lam=[1, 2], p=[1, 2])
     with pytest.raises(ValueError, match="must be a list of numbers, got an array of shape"):
         gr.regularization_path(f0, GRID, lam=np.ones((24, 20)))
-    with pytest.raises(TypeError, match="initial is not a setting of a path"):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'initial'"):
         gr.regularization_path(f0, GRID, lam=[1.0], initial=f0)
+    with pytest.raises(TypeError, match="regularization_path: 'lams' is called lam now"):
+        gr.regularization_path(f0, GRID, lams=[1.0])
+    with pytest.raises(TypeError, match="lam must be a list of numbers"):
+        gr.regularization_path(f0, GRID, lam=["1"])
+    with pytest.raises(TypeError, match="progress must be True or False, got 1"):
+        gr.regularization_path(f0, GRID, lam=[1.0], progress=1)
     with pytest.raises(ValueError, match="needs lam > 0"):
         gr.regularization_path(f0, GRID, lam=[1.0, 0.0], solver="certified", **ORACLE)
     with pytest.raises(ValueError, match="max_iter must be >= 0"):

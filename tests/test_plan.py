@@ -13,7 +13,7 @@ from test_image import blocks, noisy, psnr
 import gpureg as gr
 from gpureg.images import choose as planning
 from gpureg.images import guides as pixels
-from gpureg.images import raster
+from gpureg.images.raster import Raster
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
 METHODS = ("discrepancy", "sure", "j-invariance")
@@ -50,7 +50,7 @@ def test_sure_says_the_quality_it_reaches() -> None:
     said = lines(plan)["lam"].split("PSNR ")[1].split()
     reached = gr.run_plan(plan, before, **NUMPY).value
     span = float(said[3].rstrip(","))
-    assert span == pytest.approx(pixels.contrast(before, None, None), rel=1e-3)  # four digits are printed
+    assert span == pytest.approx(pixels.contrast(Raster.of(before)), rel=1e-3)  # four digits are printed
     # 9,216 pixels: the estimate scatters by 400 sqrt(2/9216) = 6 of an error of some 40
     truth = 10 * math.log10(span**2 / np.mean((reached - clean) ** 2))
     assert float(said[0]) == pytest.approx(truth, abs=10 * math.log10(1.5))
@@ -87,7 +87,7 @@ def test_solving_a_plan_is_running_it() -> None:
     for settings in ({}, {"p": 1}, {"weights": gr.weights.bilateral(2.0, 60.0), "max_iter": 3}):
         plan = gr.plan_denoising(before, mask=mask, **settings)
         run = gr.run_plan(plan, before, mask=mask, **NUMPY).value
-        cells = raster.pixels_of(before, None, "float64")
+        cells = Raster.of(before).pixels("float64")
         solved = planning.solve(plan, cells, mask, solver="jacobi", **NUMPY).value[..., 0]
         assert np.array_equal(run[mask], solved[mask])
 
@@ -157,7 +157,7 @@ def test_every_parameter_is_explained() -> None:
         ({"lam": "sure", "sigma": 0, "weights": gr.weights.bilateral(2.0, 60.0)}, "nothing to choose lam from"),
         ({"lam": "sure", "sigma": 0, "weights": gr.weights.constant()}, "nothing to choose lam from"),
         ({"lam": "sure", "backend": "cuda"}, "unknown backend"),
-        ({"lam": "sure", "solver": "luck"}, "unknown solver"),
+        ({"lam": "sure", "solver": "luck"}, 'solver must be "jacobi"'),
     ],
 )
 def test_a_wrong_wish_gets_a_sentence(call: dict, says: str) -> None:

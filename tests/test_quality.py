@@ -42,7 +42,7 @@ def test_total_variation_on_the_nearest_patches(camera):
     result = gr.regularize(f0.ravel(), graph, p=1, lam=40, weights=weights, max_iter=4)
     assert quality.psnr(255 * result.value.reshape(f0.shape), clean) >= 29.9
     # the door chooses the like from the noise alone
-    assert quality.psnr(gr.denoise_image(noisy, p=1, nearest=20), clean) >= 29.8
+    assert quality.psnr(gr.denoise_image(noisy, p=1, k=20), clean) >= 29.8
 
 
 def test_averaged_patches_gain(camera):

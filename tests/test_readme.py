@@ -13,7 +13,12 @@ import pytest
 import trimesh
 
 import gpureg as gr
-from gpureg.cli import curve, denoise, figures, mesh, points, simplify
+from gpureg.cli.curve import curve
+from gpureg.cli.denoise import denoise
+from gpureg.cli.figures import figures
+from gpureg.cli.mesh import mesh
+from gpureg.cli.points import points
+from gpureg.cli.simplify import simplify
 
 README = Path(__file__).parent.parent / "README.md"
 DOCS = README.parent / "docs"

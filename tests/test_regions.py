@@ -228,7 +228,7 @@ def test_merged_regions_are_unions_of_neighbours_whose_values_met():
     total = found.graph.sizes @ found.values[:, 0]
     assert coarse.graph.sizes @ coarse.values[:, 0] == pytest.approx(total)
     assert np.array_equal(
-        gr.simplify_image(image, p=0.5, lam=0.05, weights="constant", max_iter=200, merge=tol).labels, coarse.labels
+        gr.simplify_image(image, p=0.5, lam=0.05, weights="constant", max_iter=200, merge_tol=tol).labels, coarse.labels
     )
     assert found.merged(1e9).n_regions == 1
 
@@ -252,15 +252,15 @@ def test_merging_keeps_medians_and_sources():
 def test_a_hierarchy_is_nested():
     image = picture((40, 40))
     fine = gr.simplify_image(image, max_iter=0)
-    levels = fine.hierarchy([2.0, 0.5, 0.1], tol=1.0, p=0.7, weights="constant", by_size=True, max_iter=100)
+    levels = fine.hierarchy(lam=[2.0, 0.5, 0.1], merge_tol=1.0, p=0.7, weights="constant", by_size=True, max_iter=100)
     counts = [fine.n_regions, *(level.n_regions for level in levels)]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] < counts[0]
     for before, after in zip((fine, *levels), levels, strict=False):
         pairs = np.unique(np.stack([before.labels.ravel(), after.labels.ravel()]), axis=1)
         assert pairs.shape[1] == before.n_regions
-    with pytest.raises(ValueError, match=r"lams must fall, one after another, got \[1.0, 1.0\]"):
-        fine.hierarchy([1, 1], tol=1)
+    with pytest.raises(ValueError, match=r"lam must fall, one after another, got \[1.0, 1.0\]"):
+        fine.hierarchy(lam=[1, 1], merge_tol=1)
 
 
 def test_spacing_goes_into_sizes_and_borders():
@@ -330,24 +330,24 @@ def test_colours_and_picture(tmp_path):
     ("settings", "sentence"),
     [
         ({"sources": "saddles"}, "sources must be one of extrema, gradient, an integer or an array, got 'saddles'"),
-        ({"sources": 0}, "step must be at least 1"),
+        ({"sources": 0}, "step must be >= 1, got 0"),
         ({"sources": np.full((24, 31), -1)}, "a label >= 0 at one vertex"),
         ({"sources": np.zeros((3, 3), int)}, "sources must have shape"),
-        ({"smooth": -1}, "smooth must be a number >= 0, or None, got -1"),
-        ({"smooth": np.inf}, "smooth must be a number >= 0"),
-        ({"model": "mode"}, "model must be one of mean, median, source, got 'mode'"),
-        ({"metric": "hamming"}, "metric must be one of"),
-        ({"metric": "euclidean"}, "metric must be one of cityblock, chebyshev, got 'euclidean'"),
+        ({"smooth": -1}, "smooth must be finite and >= 0, got -1"),
+        ({"smooth": np.inf}, "smooth must be finite and >= 0, got inf"),
+        ({"model": "mode"}, 'model must be "mean", "median" or "source", got '),
+        ({"metric": "hamming"}, 'metric must be "cityblock" or "chebyshev"'),
+        ({"metric": "euclidean"}, 'metric must be "cityblock" or "chebyshev", got '),
         ({"weights": "cotan"}, "weights must be one of similarity, constant, border"),
         ({"weights": "border", "h": 2.0}, "h belongs to weights='similarity'"),
         ({"weights": gr.weights.constant(), "h": 2.0}, "h belongs to weights='similarity'"),
         ({"weights": "border", "p": 0.01}, "take a larger p"),
         ({"h": 0.0}, "h must be"),
-        ({"merge": -1.0}, "tol must be a number >= 0"),
+        ({"merge_tol": -1.0}, "merge_tol must be >= 0, got -1"),
         ({"spacing": (1.0,)}, "spacing must hold 2 numbers|spacing must hold 2 finite"),
         ({"mask": np.zeros((24, 31), bool)}, "the mask leaves no pixel"),
         ({"mask": np.zeros((3, 31), bool)}, "mask must be boolean"),
-        ({"rings": 0}, "rings must be at least 1"),
+        ({"rings": 0}, "rings must be >= 1, got 0"),
         ({"compactness": -1}, "compactness must be"),
         ({"p": 0}, "p must be"),
         ({"p": 0, "weights": "border"}, "p must be finite and > 0, got 0"),

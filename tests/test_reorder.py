@@ -53,7 +53,7 @@ def test_results_come_back(device):
 
 def test_wrong_orders():
     graph = cases.graph("csr")
-    with pytest.raises(TypeError, match="only a Graph"):
+    with pytest.raises(TypeError, match="graph must be a Graph, got a GridGraph"):
         gr.reordered(gr.GridGraph((3, 3)))
     for order in (np.zeros(613, int), np.arange(612), np.arange(613.0)):
         with pytest.raises(ValueError, match="each of the 613 vertices once"):

@@ -34,14 +34,14 @@ def test_a_box_has_six_sides(device):
     assert same(found.levels[0], sides)
     assert found.n_segments[-1] == 1
     assert all(labels.dtype == np.int32 and labels.shape == (len(mesh.faces),) for labels in found.levels)
-    assert len(found.levels) == len(found.lams) == len(found.results) == 12
+    assert len(found.levels) == len(found.lam) == len(found.results) == 12
 
 
 def test_a_cylinder_has_three_parts():
     """With one norm around each face, all strips of the side meet at once, before they meet the caps."""
     mesh = trimesh.creation.cylinder(1, 2, sections=64).subdivide().subdivide()
     part = np.where(mesh.face_normals[:, 2] > 0.5, 1, np.where(mesh.face_normals[:, 2] < -0.5, 2, 0))
-    found = gr.segment_mesh(mesh, lams=3 * 0.85 ** np.arange(20), norm="vertex")
+    found = gr.segment_mesh(mesh, lam=3 * 0.85 ** np.arange(20), norm="vertex")
     assert same(found.at_most(3), part)
     # edge by edge, the side goes through fewer and fewer strips; no part mixes a cap with the side until late
     strips = gr.segment_mesh(mesh)
@@ -116,11 +116,11 @@ def test_faces_without_area():
 @pytest.mark.parametrize(
     ("settings", "error", "words"),
     [
-        ({"lams": []}, ValueError, "lams must be finite, > 0 and fall"),
-        ({"lams": [1, 1]}, ValueError, "lams must be finite, > 0 and fall"),
-        ({"lams": [1, 0]}, ValueError, "lams must be finite, > 0 and fall"),
-        ({"lams": [np.inf, 1]}, ValueError, "lams must be finite"),
-        ({"met_at": 0}, ValueError, "met_at must be finite and > 0"),
+        ({"lam": []}, ValueError, "lam must be finite, > 0 and fall"),
+        ({"lam": [1, 1]}, ValueError, "lam must be finite, > 0 and fall"),
+        ({"lam": [1, 0]}, ValueError, "lam must be finite, > 0 and fall"),
+        ({"lam": [np.inf, 1]}, ValueError, "lam must be finite"),
+        ({"merge_tol": 0}, ValueError, "merge_tol must be finite and > 0"),
         ({"values": np.ones(3)}, ValueError, "values must have shape"),
         ({"weights": np.ones(3)}, ValueError, "weights"),
         ({"p": 0}, ValueError, "p must"),
@@ -133,7 +133,7 @@ def test_wrong_input(settings, error, words):
 
 def test_too_few_segments():
     with pytest.raises(ValueError, match=r"no level has as few as 3 segments; they have \(6,\)"):
-        gr.segment_mesh(box(), lams=[1.0]).at_most(3)
+        gr.segment_mesh(box(), lam=[1.0]).at_most(3)
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("twelve_original", 12, 12), ("fandisk_original", 15, 60)])

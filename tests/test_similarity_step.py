@@ -47,7 +47,7 @@ def check(backend, case, lam, guided=False):
 
     w = exact.get_weights(exact.patch_distance(graph, compared, form))
     rho = exact.get_weights(exact.patch_distance(graph, compared, dataclasses.replace(form, scale=None)))
-    inside = graph.unit_half_weights()
+    inside = graph.edges.unit_half()
     spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
     limit = bounds.Bounds(graph, w, dtype)
     dw = limit.patch_distance(rho, form, spatial, q, graph.ndim, *at_both_ends(graph, form))
@@ -126,7 +126,7 @@ def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
 
     together = step()
     monkeypatch.setattr(opencl_strips, "_SLOT_BYTES", 1)
-    monkeypatch.setattr(backend, "_kept", None)
+    monkeypatch.setattr(backend, "_scratch_memory", None)
     assert_array_equal(step(), together)
 
 

@@ -56,7 +56,7 @@ def test_a_stored_graph_of_pixels_knows_its_grid(device):
     settings = {"weights": weights, "p": 1, "lam": 5.0, "max_iter": 2, "backend": device}
     stored = gr.regularize(image.ravel(), grid.to_graph(), **settings).value
     assert_allclose(stored.reshape(image.shape), gr.regularize(image, grid, **settings).value, rtol=0, atol=1e-5)
-    assert np.std(gr.denoise_image(image, nearest=5, radius=3, **settings)) < np.std(image)
+    assert np.std(gr.denoise_image(image, k=5, radius=3, **settings)) < np.std(image)
 
 
 def test_opponent_colours():
@@ -100,7 +100,7 @@ def test_what_the_blur_leaves_of_noise():
     ("error", "message", "call"),
     [
         (TypeError, "weights must be an object of gpureg.weights", lambda: gr.weights.smoothed(1.0, 1.0)),
-        (ValueError, "std must be > 0", lambda: gr.weights.smoothed(gr.weights.patch(1, 1.0), -1)),
+        (ValueError, "std must be finite and >= 0", lambda: gr.weights.smoothed(gr.weights.patch(1, 1.0), -1)),
         (TypeError, "opponent must be", lambda: gr.weights.smoothed(gr.weights.patch(1, 1.0), 1, opponent=2)),
         (
             ValueError,

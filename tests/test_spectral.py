@@ -45,7 +45,7 @@ def weight_matrix(graph: gr.Graph | gr.GridGraph) -> np.ndarray:
 def test_markov_matrix(kind: str) -> None:
     """Rows sum to 1, P = D^-1 W, the spectrum lies in [-1, 1]; an isolated vertex stays where it is."""
     graph = GRAPHS[kind]()
-    P, W = spectral.markov_matrix(graph), weight_matrix(graph)
+    P, W = gr.operators.markov_matrix(graph), weight_matrix(graph)
     degree = W.sum(axis=1)
     expected = np.where(degree[:, None] > 0, W / np.where(degree > 0, degree, 1)[:, None], np.eye(len(W)))
     assert_allclose(P.toarray(), expected, rtol=0, atol=1e-15)
@@ -65,7 +65,7 @@ def test_minus_one_is_an_eigenvalue_of_bipartite_graphs() -> None:
         (ngon(6)[1], True),
         (ngon(7)[1], False),
     ):
-        lowest = np.linalg.eigvals(spectral.markov_matrix(graph).toarray()).real.min()
+        lowest = np.linalg.eigvals(gr.operators.markov_matrix(graph).toarray()).real.min()
         assert lowest < 0
         assert (lowest < -1 + 1e-12) == bipartite
 
@@ -87,7 +87,7 @@ def test_averaging_form_is_a_sweep(kind: str, p: float) -> None:
 def test_matrix_of_other_p_depends_on_f() -> None:
     """(28) holds for p = 2 alone (E16)."""
     graph, f = cloud(60), cases.function(cloud(60))
-    P = spectral.markov_matrix(graph, f, p=1, eps=0.1)
+    P = gr.operators.markov_matrix(graph, f, p=1, eps=0.1)
     assert_allclose(P.sum(axis=1), 1, atol=1e-13)
     once = gr.regularize(f, graph, p=1, lam=0, eps=0.1, max_iter=1, **ORACLE).value
     twice = gr.regularize(f, graph, p=1, lam=0, eps=0.1, max_iter=2, **ORACLE).value
@@ -116,7 +116,7 @@ def test_eigenvectors(kind: str) -> None:
     a, phi, degree = spectral.eigenpairs(graph, k)
     assert (np.diff(a) <= 1e-12).all()
     assert a[0] == pytest.approx(1, abs=1e-12)
-    assert_allclose(spectral.markov_matrix(graph) @ phi, a * phi, atol=1e-11)
+    assert_allclose(gr.operators.markov_matrix(graph) @ phi, a * phi, atol=1e-11)
     assert_allclose(phi.T @ (degree[:, None] * phi), np.eye(k), atol=1e-12)
     again = spectral.eigenpairs(graph, k)
     assert again.vectors.tobytes() == phi.tobytes()
@@ -188,22 +188,33 @@ def test_luxembourg(data_folder) -> None:
 
     graph = gr.Graph.from_scipy(mmread(data_folder / "graphs" / "luxembourg_osm.mtx.gz").tocsr())
     a, phi, degree = spectral.eigenpairs(graph, 8)
-    P = spectral.markov_matrix(graph)
+    P = gr.operators.markov_matrix(graph)
     assert_allclose(np.linalg.norm(np.sqrt(degree)[:, None] * (P @ phi - a * phi), axis=0), 0, atol=1e-9)
     assert_allclose(phi.T @ (degree[:, None] * phi), np.eye(8), atol=1e-11)
+
+
+def test_the_markov_matrix_is_an_operator() -> None:
+    with pytest.raises(AttributeError, match=r"is gpureg\.operators\.markov_matrix"):
+        _ = spectral.markov_matrix
+    assert not hasattr(spectral, "laplacian")
+    assert "markov_matrix" in gr.operators.__all__
 
 
 def test_wrong_arguments() -> None:
     graph, f = cases.irregular(17, 60, isolated=5), np.zeros(17)
     for call, error, says in (
-        (lambda: spectral.markov_matrix(graph, p=1), ValueError, "depends on f for p = 1: give f"),
-        (lambda: spectral.markov_matrix(graph, weights=gr.weights.patch(0, 1)), ValueError, "give f"),
-        (lambda: spectral.markov_matrix("graph"), TypeError, "graph must be"),
+        (lambda: gr.operators.markov_matrix(graph, p=1), ValueError, "depends on f for p = 1: give f"),
+        (lambda: gr.operators.markov_matrix(graph, weights=gr.weights.patch(0, 1)), ValueError, "give f"),
+        (lambda: gr.operators.markov_matrix("graph"), TypeError, "graph must be"),
         (lambda: spectral.diffuse(f, graph, -1), ValueError, "t must be >= 0, got -1"),
         (lambda: spectral.diffuse(f, graph, 1.5), TypeError, "t must be an integer, got 1.5"),
-        (lambda: spectral.eigenpairs(graph, 0), ValueError, "k must lie in 1..17, the number of vertices, got 0"),
+        (lambda: spectral.eigenpairs(graph, 0), ValueError, "k must lie in 1..17, got 0"),
         (lambda: spectral.eigenpairs(graph, 18), ValueError, "got 18"),
-        (lambda: spectral.eigenpairs(graph, 2.0), TypeError, "k must be an integer"),
+        (lambda: spectral.eigenpairs(graph, 2.0), TypeError, "eigenpairs: k must be an integer"),
+        (lambda: spectral.eigenpairs([[0, 1]], 2), TypeError, "eigenpairs: graph must be"),
+        (lambda: spectral.averaging_filter(graph, f, p="2"), TypeError, "averaging_filter: p must be a number"),
+        (lambda: spectral.diffuse(f, graph, True), TypeError, "diffuse: t must be an integer, got True"),
+        (lambda: spectral.spectral_filter(f, graph, 1.5), TypeError, "spectral_filter: k must be an integer, got 1.5"),
         (
             lambda: spectral.spectral_filter(f, graph, 3, pairs=spectral.eigenpairs(graph, 2)),
             ValueError,
@@ -217,5 +228,5 @@ def test_wrong_arguments() -> None:
 
 def test_matrix_powers_of_scipy() -> None:
     graph, f = cloud(50), cases.function(cloud(50))
-    P = spectral.markov_matrix(graph)
+    P = gr.operators.markov_matrix(graph)
     assert_allclose(sparse.linalg.matrix_power(P, 3) @ f, spectral.diffuse(f, graph, 3), atol=1e-13)

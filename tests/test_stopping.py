@@ -169,7 +169,7 @@ def test_tol_of_the_solver_is_used_where_none_is_given() -> None:
 
 @pytest.mark.parametrize("solver", [gr.Jacobi, gr.Euler])
 def test_wrong_settings(solver: type) -> None:
-    with pytest.raises(ValueError, match="stop must be one of change, error, gradient, energy, got 'gap'"):
+    with pytest.raises(ValueError, match='stop must be "change", "error", "gradient" or "energy", got'):
         solver(stop="gap")
     with pytest.raises(ValueError, match="tol must be finite and >= 0, got -1"):
         solver(tol=-1)

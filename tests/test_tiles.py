@@ -96,7 +96,7 @@ def test_every_kind_of_job_in_tiles(name: str, pieces: list) -> None:
         settings["lam"] = np.where(rng(7).random(SHAPE) < 0.2, np.inf, 2 * (rng(9).random(SHAPE) < 0.9))
     kind = settings.get("weights")
     if kind == "array":
-        settings["weights"] = grid.half_to_edges(grid.unit_half_weights() * rng(11).random(SHAPE, dtype=np.float32))
+        settings["weights"] = grid.edges.gather_half(grid.edges.unit_half() * rng(11).random(SHAPE, dtype=np.float32))
     elif kind == "features":
         settings["weights"] = gr.weights.gaussian(rng(11).random((grid.n_vertices, 2)), 0.5)
     elif kind == "guide":

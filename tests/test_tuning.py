@@ -11,8 +11,8 @@ from scipy import ndimage
 
 import gpureg as gr
 from gpureg import tuning
-from gpureg.tuning.discrepancy import match
 from gpureg.tuning.fidelity import gradient_to_noise, least
+from gpureg.tuning.principle import match
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
 
@@ -98,7 +98,7 @@ def test_more_noise_than_there_is_to_take_away() -> None:
         ({"start": 0.0}, ValueError, "start must be finite and > 0"),
         ({"rtol": 0.0}, ValueError, "rtol must be finite and > 0"),
         ({"p": -1}, ValueError, "p must be finite and > 0"),
-        ({"gamma": "round"}, ValueError, "gamma must be one of"),
+        ({"gamma": "round"}, ValueError, 'gamma must be "sqrt"'),
     ],
 )
 def test_discrepancy_says_what_is_wrong(call: dict, error: type, says: str) -> None:

@@ -18,7 +18,7 @@ def on_edges(weights: Weights, made: gr.Graph | gr.GridGraph, f0: np.ndarray) ->
     values = ORACLE.get_weights(weights.prepare(ORACLE, made, f0))
     if values is None:
         return np.ones(made.n_edges)
-    return made.half_to_edges(values) if isinstance(made, gr.GridGraph) else values
+    return made.edges.gather_half(values) if isinstance(made, gr.GridGraph) else values
 
 
 def ends(made: gr.Graph | gr.GridGraph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -56,7 +56,7 @@ def test_formulas(name: str) -> None:
 def test_patches_on_a_grid_and_on_its_csr_twin(a: float | None) -> None:
     grid = graph("disk")
     f0 = function(grid, 3)
-    weights = gr.weights.patch(2, 1.5 if a is None else 0.4, sigma=0.05, a=a)
+    weights = gr.weights.patch(2, 1.5 if a is None else 0.4, sigma=0.05, patch_sigma=a)
     assert np.abs(on_edges(weights, grid, f0) - on_edges(weights, grid.to_graph(), f0)).max() < 1e-14
 
 
@@ -64,7 +64,7 @@ def test_gaussian_patch_sums_to_one() -> None:
     """A constant difference c gives rho = c^2, whatever the patch's size."""
     grid = gr.GridGraph((9, 16), 8, "chebyshev")
     f0 = np.repeat([[0.0, 0.5]], 8, axis=1) * np.ones((9, 1))
-    half = ORACLE.get_weights(gr.weights.patch(2, 1.0, a=1.0).prepare(ORACLE, grid, f0.reshape(-1, 1)))
+    half = ORACLE.get_weights(gr.weights.patch(2, 1.0, patch_sigma=1.0).prepare(ORACLE, grid, f0.reshape(-1, 1)))
     # from column 2 to column 10: both patches lie inside their own side
     k = next(i for i, step in enumerate(grid.forward_offsets.tolist()) if step == [0, 8])
     assert half[k][4, 2] == pytest.approx(np.exp(-0.25), rel=1e-14)
@@ -73,8 +73,8 @@ def test_gaussian_patch_sums_to_one() -> None:
 def test_arrays_of_weights_reach_the_process(device: str) -> None:
     grid = graph("grid")
     f0 = function(grid)
-    half = rng(13).random((grid.half_window, *grid.shape)) * grid.unit_half_weights()
-    flat = grid.half_to_edges(half)
+    half = rng(13).random((grid.half_window, *grid.shape)) * grid.edges.unit_half()
+    flat = grid.edges.gather_half(half)
     as_csr = gr.regularize(f0, grid.to_graph(half), p=1, lam=2, max_iter=5, backend=device)
     given = gr.regularize(f0, grid, weights=flat, p=1, lam=2, max_iter=5, backend=device)
     # The two kinds of graph add the same numbers in the same order, but may contract products differently.
@@ -96,11 +96,11 @@ def test_constant_takes_the_place_of_a_graphs_own_weights() -> None:
         (lambda: gr.weights.bilateral("1", 1), TypeError, "sigma_space must be a number"),
         (lambda: gr.weights.patch(-1, 1), ValueError, "radius must be >= 0, got -1"),
         (lambda: gr.weights.patch(1.5, 1), TypeError, "radius must be an integer"),
-        (lambda: gr.weights.patch(1, 0), ValueError, "h must be > 0"),
-        (lambda: gr.weights.patch(1, np.nan), ValueError, "h must be > 0"),
+        (lambda: gr.weights.patch(1, 0), ValueError, "h must be finite and > 0"),
+        (lambda: gr.weights.patch(1, np.nan), ValueError, "h must be finite and > 0"),
         (lambda: gr.weights.patch(1, 1, sigma=-1), ValueError, "sigma must be finite and >= 0"),
-        (lambda: gr.weights.patch(1, 1, a=0), ValueError, "a must be > 0"),
-        (lambda: gr.weights.inverse_distance(0), ValueError, "power must be > 0"),
+        (lambda: gr.weights.patch(1, 1, patch_sigma=0), ValueError, "patch_sigma must be finite and > 0, got 0"),
+        (lambda: gr.weights.inverse_distance(0), ValueError, "power must be finite and > 0"),
         (lambda: gr.weights.gaussian([[np.nan]], 1), ValueError, "features must be finite"),
         (lambda: gr.weights.guided("patch", [1.0]), TypeError, "weights must be an object"),
         (lambda: gr.weights.guided(gr.weights.constant(), [np.inf]), ValueError, "guide must be finite"),

@@ -97,5 +97,5 @@ def test_labels() -> None:
     graph = gr.Graph.from_edges(edges, symmetrize="max", positions=points)
     labels = np.full(300, -1)
     labels[75], labels[225] = 0, 1  # the tops of the two
-    found = gr.propagate_labels(graph, labels, weights=gr.weights.gaussian(points, 0.2), backend="numpy")
+    found = gr.propagate_labels(labels, graph, weights=gr.weights.gaussian(points, 0.2), backend="numpy")
     assert (found == truth).mean() > 0.95

@@ -69,8 +69,8 @@ class Data(ABC):
         """Put the graph onto the device, with weights from the host.
 
         Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means the graph's own,
-        and 1 on every edge inside its mask where it has none. A device caches its copy of a read-only array, such as the
-        graph's own weights.
+        and 1 on every edge inside its mask where it has none. A device caches its copy of a read-only array, such as
+        the graph's own weights.
         """
 
     @abstractmethod

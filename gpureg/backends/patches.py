@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-from ..graphs.grid import AnyGraph, GridGraph
+from ..graphs.grid import AnyGraph, GridGraph, row_major
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +88,10 @@ def padded_shape(graph: AnyGraph, radius: int) -> tuple[int, ...]:
     return (graph.n_vertices,) if grid is None else tuple(s + 2 * radius for s in grid.shape)
 
 
-def patch_jumps(patch: tuple[int, ...], padded: tuple[int, ...]) -> npt.NDArray[np.int64]:
-    """Steps inside a channel of the given padded shape from a patch's centre to its cells, (cells,)."""
-    places = np.indices(patch).reshape(len(patch), -1)
-    strides = np.array([math.prod(padded[d + 1 :]) for d in range(len(padded))], np.int64)
-    jumps: npt.NDArray[np.int64] = strides @ (places - np.array(patch)[:, None] // 2)
+def patch_jumps(patch: tuple[int, ...], strides: IntArray) -> npt.NDArray[np.int64]:
+    """Steps in numbers from a patch's centre to its cells, (cells,), from those along each axis, (ndim,)."""
+    places = np.indices(patch).reshape(len(patch), math.prod(patch))
+    jumps: npt.NDArray[np.int64] = strides @ (places - np.array(patch, np.int64)[:, None] // 2)
     return jumps
 
 
@@ -109,8 +108,7 @@ def over_patches(x: FloatArray, radius: int) -> FloatArray:
 
 def patch_lines(grid: GridGraph, radius: int) -> npt.NDArray[np.int32]:
     """The rows of a square patch as steps along the grid's leading axes, and in rows, (n_lines, ndim)."""
-    ndim, strides = grid.ndim - 1, [math.prod(grid.shape[d + 1 : -1]) for d in range(grid.ndim - 1)]
-    side = 2 * radius + 1
+    ndim, side = grid.ndim - 1, 2 * radius + 1
     steps = np.array(list(np.ndindex((side,) * ndim)), np.int64).reshape(side**ndim, ndim) - radius
-    lines: npt.NDArray[np.int32] = np.column_stack([steps, steps @ np.array(strides, np.int64)]).astype(np.int32)
+    lines: npt.NDArray[np.int32] = np.column_stack([steps, steps @ row_major(grid.shape[:-1])]).astype(np.int32)
     return lines

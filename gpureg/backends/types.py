@@ -135,24 +135,24 @@ def expect_stored(weighted: Weighted) -> GridGraph:
     return weighted.graph
 
 
-class Kept:
-    """Device copies of host arrays that nobody can write to, for as long as these live: uploaded once.
+class DeviceCopies:
+    """A cache of device copies of read-only host arrays, such as a graph's own weights: each is uploaded once.
 
-    A graph's own weights are such an array.
+    An entry lives as long as its host array.
     """
 
     def __init__(self) -> None:
         self._copies: dict[int, tuple[weakref.ref[FloatArray], Any]] = {}
 
     def copy(self, array: FloatArray, make: Callable[[FloatArray], Any]) -> Any:
-        """What `make` gave for this very array, or gives now."""
-        if array.flags.writeable or array.base is not None:  # a view's owner may still be written to
+        """Get what `make` gave for this very array before, or gives now."""
+        if array.flags.writeable or array.base is not None:  # the owner of a view may still write to it
             return make(array)
         found = self._copies.get(id(array))
         if found is not None and found[0]() is array:
             return found[1]
         made = make(array)
-        self._copies = {key: kept for key, kept in self._copies.items() if kept[0]() is not None}
+        self._copies = {key: entry for key, entry in self._copies.items() if entry[0]() is not None}
         self._copies[id(array)] = (weakref.ref(array), made)
         return made
 
@@ -170,9 +170,9 @@ def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
 
 
 def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:
-    """Weights with the graph's own put in the place of None; None is left where every edge has weight 1."""
+    """The weights, or the graph's own instead of None; None where every edge has weight 1."""
     if weights is not None:
         return weights
     if isinstance(graph, GridGraph):
-        return None if graph.mask is None else graph.unit_half_weights()
+        return None if graph.mask is None else graph.edges.unit_half()
     return graph.weights

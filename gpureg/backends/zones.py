@@ -5,12 +5,12 @@ Distances are sums of integer lengths, so that no device rounds and all give the
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import IntArray
 from ..graphs.grid import AnyGraph, GridGraph
 
 Lengths = npt.NDArray[np.int32]
@@ -37,7 +37,7 @@ _BLOCKS, _LEAST_BLOCK = 4, 1 << 12
 
 
 class Zones(ABC):
-    """What a partition asks of a device."""
+    """The primitives of a partition."""
 
     @abstractmethod
     def influence_zones(self, graph: AnyGraph, lengths: Lengths, sources: Labels) -> tuple[Distances, Labels]:
@@ -93,16 +93,9 @@ def _label(tag: Distances) -> Labels:
     return labels
 
 
-def forward_jumps(graph: GridGraph) -> npt.NDArray[np.int64]:
-    """Steps from a vertex's number to those of its forward neighbours, (K/2,)."""
-    strides = np.array([math.prod(graph.shape[d + 1 :]) for d in range(graph.ndim)], np.int64)
-    jumps: npt.NDArray[np.int64] = graph.forward_offsets @ strides
-    return jumps
-
-
-def guarded(graph: GridGraph, lengths: Lengths) -> tuple[int, npt.NDArray[np.int64], Lengths]:
-    """The largest jump to a forward neighbour, all of them, and the lengths with so many rows of -1 before them."""
-    jumps = forward_jumps(graph)
+def guarded(graph: GridGraph, lengths: Lengths) -> tuple[int, IntArray, Lengths]:
+    """The largest step to a forward neighbour, all of them (K/2,), and the lengths with so many rows of -1 before."""
+    jumps = graph.steps
     guard = int(jumps.max(initial=0))
     padded = np.empty((guard + len(lengths), lengths.shape[1]), np.int32)
     padded[:guard] = -1

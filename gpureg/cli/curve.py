@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..curves.simplify import FUNCTIONS
-from ..jobs.curve import CURVE_WEIGHTS, CurveSettings, curve_file
-from ..jobs.curve_report import as_lines
+from ..curves.simplify import CURVE_FILTERS
+from ..jobs.curve import CurveSettings, curve_file
+from ..jobs.options import WEIGHTS
 from ..model.problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE
-from .terminal import say
+from .terminal import tell
 
 
 @click.command(
@@ -31,21 +30,23 @@ from .terminal import say
 @click.option("--simplify", is_flag=True, help="Fewer vertices instead of less noise: those that tell the shape stay.")
 @click.option("--n-vertices", type=int, help="Simplify each curve to so many vertices.")
 @click.option(
-    "--function",
-    type=click.Choice(FUNCTIONS),
+    "--filter",
+    type=click.Choice(CURVE_FILTERS),
     help="What is simplified. directions: corners stay, straight runs go. positions: curves are thinned evenly.  "
     "[default: directions]",
 )
 @click.option("--p", type=float, help="Degree of regularity > 0.  [default: 2; 0.5 to simplify]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
 @click.option("--sigma", type=float, help="Noise of each coordinate, in their units.  [default: estimated]")
-@click.option("--weights", type=click.Choice(CURVE_WEIGHTS), help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1]")
+@click.option("--weights", type=click.Choice(WEIGHTS), help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1]")
 @click.option("--norm", type=click.Choice(NORMS), help="Gradient norm.  [default: vertex; edge to simplify]")
-@click.option("--free-ends", is_flag=True, help="Ends of open curves move too.")
+@click.option(
+    "--keep-ends/--no-keep-ends", default=None, help="Whether the ends of open curves keep their place.  [default: yes]"
+)
 @click.option(
     "--closed/--open",
     default=None,
-    help="Whether the curves of a CSV are closed.  [default: closed, or as they repeat]",
+    help="Whether the curves of a CSV are closed.  [default: where the first vertex is repeated, or the ends are near]",
 )
 @click.option(
     "--degrees/--no-degrees",
@@ -79,11 +80,5 @@ def curve(
     """
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
 
-    def work() -> dict[str, Any]:
-        return curve_file(source, target, CurveSettings(**given), progress=show)
-
-    report = sentences(work)
-    if as_json:
-        click.echo(json.dumps(report, indent=2))
-    elif not quiet:
-        say(as_lines(report))
+    report = sentences(lambda: curve_file(source, target, CurveSettings(**given), progress=show))
+    tell(report, as_json, quiet)

@@ -12,10 +12,11 @@ import click
 
 from ..files.picture import checked_axes
 from ..graphs.edges import METRICS
+from ..images.options import WEIGHTS
 from ..images.plan import CENTRES
 from ..jobs.batch import Outcome, denoise_files, expand, is_pattern
 from ..jobs.denoise import denoise_file
-from ..jobs.denoise_report import as_lines
+from ..jobs.denoise_report import DenoiseReport
 from ..jobs.denoise_settings import AVERAGING, Settings, as_spacing
 from ..model.memory import as_bytes
 from ..model.problem import NORMS
@@ -41,7 +42,7 @@ def _fidelity(text: str) -> float | str:
 _OPTIONS_OF_WEIGHTS = {
     "patch_radius": "patch",
     "h": "patch",
-    "patch_std": "patch",
+    "patch_sigma": "patch",
     "sigma_space": "bilateral",
     "sigma_value": "bilateral",
 }
@@ -74,13 +75,12 @@ _OPTIONS_OF_WEIGHTS = {
 )
 @click.option(
     "--weights",
-    "kind",
-    type=click.Choice(["constant", "bilateral", "patch"]),
+    type=click.Choice(WEIGHTS),
     help="Weight function; the options below belong to it.  [default: patch for p = 2, otherwise constant]",
 )
-@click.option("--patch-radius", type=int, default=2, show_default=True, help="patch: radius of a patch.")
+@click.option("--patch-radius", type=int, help="patch: radius of a patch.  [default: 2]")
 @click.option("--h", type=float, help="patch: filtering parameter.  [default: 0.6 sigma sqrt(samples)]")
-@click.option("--patch-std", type=float, help="patch: Gaussian patch of this standard deviation.  [default: flat]")
+@click.option("--patch-sigma", type=float, help="patch: Gaussian patch of this standard deviation.  [default: flat]")
 @click.option("--sigma-space", type=float, help="bilateral: reach as --radius.  [default: 3 of the finest pixels]")
 @click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.  [default: 3 sigma]")
 @click.option(
@@ -95,7 +95,7 @@ _OPTIONS_OF_WEIGHTS = {
     help="patch, one sweep: a pixel is the mean over all patches that cover it, plain or weighted by what they found.  "
     "[default: weighted in a picture without --weights, otherwise none]",
 )
-@click.option("--nearest", type=int, help="patch: keep so many of each pixel's edges, those to the nearest patches.")
+@click.option("--k", type=int, help="patch: keep so many of each pixel's edges, those to the nearest patches.")
 @options.solver
 @click.option("--max-iter", type=int, help="Iterations at most.")
 @options.tol
@@ -135,7 +135,7 @@ def denoise(
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
         is_given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-        if is_given and owner != given["kind"]:
+        if is_given and owner != given["weights"]:
             raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
     if len(paths) < 2:
         raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where is {paths[0]} to go?")
@@ -152,7 +152,7 @@ def denoise(
         read = {"memory": as_bytes, "spacing": as_spacing, "axes": checked_axes}
         return Settings(**given | {name: as_(given[name]) for name, as_ in read.items() if given[name] is not None})
 
-    def one() -> dict[str, Any]:
+    def one() -> DenoiseReport:
         return denoise_file(Path(names[0]), Path(out), settings(), progress=show, tell=tell)
 
     def all_of_them() -> Outcome:
@@ -161,9 +161,9 @@ def denoise(
     if not many:
         report = sentences(one)
         if as_json:
-            click.echo(json.dumps(report, indent=2))
+            click.echo(json.dumps(report.as_json(), indent=2))
         elif not quiet:
-            say(as_lines(report))
+            say("\n".join(report.lines()))
         return
     outcome = sentences(all_of_them)
     if outcome.failed:
@@ -174,5 +174,5 @@ def denoise(
     if as_json:
         click.echo(json.dumps(outcome.as_json(), indent=2))
     elif not quiet:
-        say(outcome.as_lines())
+        say("\n".join(outcome.lines()))
     raise click.exceptions.Exit(1 if outcome.failed else 0)

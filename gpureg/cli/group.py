@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from .._version import __version__
+from ..doors import without_names
 from ..jobs.batch import FAILURES, sentence
 
 
@@ -29,7 +30,8 @@ class _Failure(click.ClickException):
 def sentences(work: Callable[[], Any]) -> Any:
     """Run, and turn what can go wrong into a sentence and an exit code."""
     try:
-        return work()
+        with without_names():
+            return work()
     except (ValueError, TypeError) as error:
         raise click.UsageError(sentence(error)) from None
     except FAILURES as error:

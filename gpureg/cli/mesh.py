@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..jobs.mesh import WEIGHTS, MeshSettings, mesh_file
-from ..jobs.mesh_report import as_lines
+from ..jobs.mesh import MESH_WEIGHTS, MeshSettings, mesh_file
 from ..meshes.filters import FILTERS
 from ..model.problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE
-from .terminal import say
+from .terminal import tell
 
 
 @click.command(
     epilog=options.examples(
         "gpureg mesh scan.ply clean.ply --picture both.png",
         "gpureg mesh part.stl small.ply --n-vertices 5000",
-        "gpureg mesh bunny.ply smooth.ply --filter vertices --weights inverse-square --lam 0 --max-iter 8    # Fig. 6",
+        "gpureg mesh bunny.ply smooth.ply --filter positions --weights inverse-square --lam 0 --max-iter 8    # Fig. 6",
     ),
     short_help="Denoise or simplify a triangle mesh.",
 )
@@ -32,10 +30,10 @@ from .terminal import say
 @click.option(
     "--filter",
     type=click.Choice(FILTERS),
-    help="normals: regularize the normals of faces and fit the vertices to them, which keeps creases. vertices: "
-    "regularize the positions.  [default: normals]",
+    help="normals: regularize the normals of faces and fit the vertices to them, which keeps creases. positions: "
+    "regularize the vertices.  [default: normals]",
 )
-@click.option("--taubin", is_flag=True, help="With --filter vertices: Taubin's pair of steps instead of the model.")
+@click.option("--taubin", is_flag=True, help="With --filter positions: Taubin's pair of steps instead of the model.")
 @click.option(
     "--values", metavar="NAME", help="Denoise these numbers at the vertices instead: colours, or a PLY's name."
 )
@@ -44,7 +42,7 @@ from .terminal import say
 @click.option("--sigma", type=float, help="Noise, in the units of the coordinates.  [default: estimated]")
 @click.option(
     "--weights",
-    type=click.Choice(WEIGHTS),
+    type=click.Choice(MESH_WEIGHTS),
     help="1, 1/|u-v|, 1/|u-v|^2, or cotangents of the angles across.  [default: 1; for normals by their likeness]",
 )
 @click.option("--norm", type=click.Choice(NORMS), default="vertex", show_default=True, help="Gradient norm.")
@@ -94,11 +92,5 @@ def mesh(
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"
 
-    def work() -> dict[str, Any]:
-        return mesh_file(source, target, MeshSettings(**given), progress=show)
-
-    report = sentences(work)
-    if as_json:
-        click.echo(json.dumps(report, indent=2))
-    elif not quiet:
-        say(as_lines(report))
+    report = sentences(lambda: mesh_file(source, target, MeshSettings(**given), progress=show))
+    tell(report, as_json, quiet)

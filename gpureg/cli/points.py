@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..jobs.points import POINT_WEIGHTS, PointsSettings, points_file
-from ..jobs.points_report import as_lines
+from ..jobs.options import WEIGHTS
+from ..jobs.points import PointsSettings, points_file
 from ..model.problem import NORMS
 from ..points.filters import POINT_FILTERS
 from . import options
 from .group import sentences
 from .options import FILE
-from .terminal import say
+from .terminal import tell
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -57,7 +56,7 @@ def _names(text: str) -> tuple[str, ...]:
 @click.option("--sigma", type=float, help="Noise, in the units of the coordinates.  [default: estimated]")
 @click.option(
     "--weights",
-    type=click.Choice(POINT_WEIGHTS),
+    type=click.Choice(WEIGHTS),
     help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1; for normals by their likeness; for clusters a Gaussian]",
 )
 @click.option("--norm", type=click.Choice(NORMS), default="vertex", show_default=True, help="Gradient norm.")
@@ -96,11 +95,5 @@ def points(
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"
 
-    def work() -> dict[str, Any]:
-        return points_file(source, target, PointsSettings(**given), progress=show)
-
-    report = sentences(work)
-    if as_json:
-        click.echo(json.dumps(report, indent=2))
-    elif not quiet:
-        say(as_lines(report))
+    report = sentences(lambda: points_file(source, target, PointsSettings(**given), progress=show))
+    tell(report, as_json, quiet)

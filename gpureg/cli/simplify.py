@@ -11,11 +11,12 @@ import click
 
 from ..files.picture import checked_axes
 from ..jobs.denoise_settings import as_spacing
-from ..jobs.simplify import Simplification, simplify_file
-from ..jobs.simplify_report import as_lines
+from ..jobs.simplify import simplify_file
+from ..jobs.simplify_report import SimplifyReport
+from ..jobs.simplify_settings import Simplification
 from ..model.problem import NORMS
 from ..regions.graph import METRICS
-from ..regions.regions import WEIGHTS
+from ..regions.options import WEIGHTS
 from ..regions.simplify import SOURCES
 from ..regions.values import MODELS
 from . import options
@@ -94,7 +95,6 @@ def _sources(text: str) -> str | int:
 @click.option("--by-size/--no-by-size", help="Whether lam grows with a region's size, so that each pixel counts alike.")
 @click.option(
     "--weights",
-    "kind",
     type=click.Choice([*WEIGHTS, "bilateral"]),
     default="similarity",
     show_default=True,
@@ -119,7 +119,7 @@ def _sources(text: str) -> str | int:
 )
 @options.tol
 @options.eps
-@click.option("--merge", type=float, metavar="TOL", help="Join regions whose final values are at most so far apart.")
+@click.option("--merge-tol", type=float, help="Join regions whose final values are at most so far apart.")
 @options.backend
 @options.dtype
 @options.axes
@@ -146,13 +146,13 @@ def simplify(
     values too; pixels that are NaN are left out. All files are written, or none.
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
-        if given[name] is not None and owner != given["kind"]:
+        if given[name] is not None and owner != given["weights"]:
             raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
     if given["markers"] is not None and given["sources"] is not None:
         raise click.UsageError("--markers are the sources: leave --sources out")
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
 
-    def work() -> dict[str, Any]:
+    def work() -> SimplifyReport:
         read = {"spacing": as_spacing, "axes": checked_axes}
         asked = given | {"sources": given["sources"] or Simplification.sources}
         settings = Simplification(
@@ -162,6 +162,6 @@ def simplify(
 
     report = sentences(work)
     if as_json:
-        click.echo(json.dumps(report, indent=2))
+        click.echo(json.dumps(report.as_json(), indent=2))
     elif not quiet:
-        say(as_lines(report))
+        say("\n".join(report.lines()))

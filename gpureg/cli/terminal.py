@@ -1,14 +1,33 @@
-"""Text on a terminal."""
+"""Text and reports on a terminal."""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import sys
 import textwrap
-from typing import Any
+from typing import Any, Protocol
 
 import click
+
+
+class Report(Protocol):
+    """What a job did."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+
+    def lines(self) -> list[str]:
+        """The report for a reader."""
+
+
+def tell(report: Report, as_json: bool, quiet: bool) -> None:
+    """Write a report on standard output, as JSON or in a few lines, or not at all."""
+    if as_json:
+        click.echo(json.dumps(report.as_json(), indent=2))
+    elif not quiet:
+        say("\n".join(report.lines()))
 
 
 def say(text: str, *, err: bool = False) -> None:

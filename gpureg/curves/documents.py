@@ -1,4 +1,4 @@
-"""SVG and GeoJSON around polygonal curves: curves out of them, and others put in their places."""
+"""Take polygonal curves out of SVG and GeoJSON documents, and put others there instead."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Svg:
 
     @classmethod
     def of(cls, text: str) -> Svg:
-        """The document in a text.
+        """Parse the document in a text.
 
         Raises
         ------
@@ -43,7 +43,7 @@ class Svg:
         return cls(text)
 
     def read(self) -> list[Rows]:
-        """Polygons, polylines and the parts of paths, in the order of the document.
+        """Read polygons, polylines and the parts of paths, in the order of the document.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class Svg:
         return [rows for element in _shapes(_tree(self.text)) for rows in _rows_of(element)]
 
     def write(self, curves: Sequence[FloatArray]) -> bytes:
-        """The document with other vertices for the curves that :meth:`read` finds."""
+        """Encode the document with other vertices for the curves that :meth:`read` finds."""
         root = _tree(self.text)
         for prefix, uri in _namespaces(self.text):
             ElementTree.register_namespace(prefix, uri)
@@ -197,7 +197,7 @@ def _path(points: FloatArray, closed: bool) -> str:
 
 
 def new_svg(curves: Sequence[Rows]) -> bytes:
-    """A document with curves alone, as thin lines in a view that holds them."""
+    """Encode a document with curves alone, as thin lines in a view that holds them."""
     together = np.concatenate([points for points, _ in curves])
     low, high = together.min(axis=0), together.max(axis=0)
     size = np.maximum(high - low, 1e-12)
@@ -221,7 +221,7 @@ class Geo:
 
     @classmethod
     def of(cls, text: str) -> Geo:
-        """The document in a text.
+        """Parse the document in a text.
 
         Raises
         ------
@@ -243,7 +243,7 @@ class Geo:
         return not name or "CRS84" in name or name.endswith("4326")
 
     def read(self) -> list[Rows]:
-        """Lines and rings, in the order of the document; of a vertex all its numbers.
+        """Read lines and rings, in the order of the document; of a vertex all its numbers.
 
         Raises
         ------
@@ -253,7 +253,7 @@ class Geo:
         return [_positions(line, ring) for line, ring in _lines(self.document)]
 
     def write(self, curves: Sequence[FloatArray]) -> bytes:
-        """The document with other vertices for the curves that :meth:`read` finds."""
+        """Encode the document with other vertices for the curves that :meth:`read` finds."""
         changed = json.loads(json.dumps(self.document))
         for (line, ring), points in zip(list(_lines(changed)), curves, strict=True):
             # in place: the list stays where it is in the document
@@ -328,7 +328,7 @@ def _drop_boxes(node: Any) -> None:
 
 
 def new_geo(curves: Sequence[Rows]) -> bytes:
-    """A collection with a feature for each curve, its number among the properties."""
+    """Encode a collection with a feature for each curve, its number among the properties."""
     features = []
     for k, (points, closed) in enumerate(curves):
         written = _numbers(points[:, :3], closed)

@@ -1,10 +1,10 @@
-"""Polygonal curves in and out of files: CSV, SVG and GeoJSON, the last two with all else that they hold."""
+"""Read and write polygonal curves: CSV, SVG and GeoJSON, the last two with all else that they hold."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,8 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import flag
+from ..doors import door
 from ..files.pictures import PictureError, check_place, write_atomically
 from ..files.table import encode_table, read_table, read_text
+from ..shapes.ends import Ends, ends_of
 from .documents import Geo, Svg, new_geo, new_svg
 
 CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
@@ -32,20 +35,24 @@ class CurveInFile:
     points : (n, 2) float64 array
         Without the first repeated at the end.
     closed : bool
+        Whether the last vertex is joined to the first.
     more : (n, q) float64 array
         What else the file says of each vertex: altitudes of GeoJSON, columns of CSV.
+    ends : Ends or None
+        How it is known whether the curve is closed; None where it was not read from a file.
     """
 
     points: FloatArray
     closed: bool
     more: FloatArray
+    ends: Ends | None = field(default=None, repr=False)
 
 
 class Document(Protocol):
-    """What a file holds besides its curves, which can be put back into it."""
+    """What a file holds apart from its curves, into which curves can be put again."""
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
-        """The file with other curves in the places of those that it had, in their order."""
+        """Encode the file with other curves instead of those that it had, in their order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +77,7 @@ class CurvesFile:
 
 
 def curve_format(path: str | os.PathLike[str]) -> str:
-    """The extension of a file of curves.
+    """Return the extension of a file of curves.
 
     Raises
     ------
@@ -84,6 +91,7 @@ def curve_format(path: str | os.PathLike[str]) -> str:
     return found[-1]
 
 
+@door
 def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> CurvesFile:
     """Read polygonal curves of the plane.
 
@@ -94,8 +102,9 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
         column ``curve``. SVG: polygons, polylines, and paths of straight segments. GeoJSON: lines and polygons in any
         geometry, feature or collection.
     closed : bool, optional
-        Whether the curves of a CSV file are closed. None: those of which the first vertex is repeated at the end are;
-        if none is, all are. SVG and GeoJSON say it themselves.
+        Whether the curves of a CSV file are closed. None: those of which the first vertex is repeated at the end (to
+        1e-6 of the mean segment) are, and no others; if none is, those whose ends are at most twice the 95 % quantile
+        of the segments' lengths apart. SVG and GeoJSON say it themselves.
 
     Raises
     ------
@@ -104,8 +113,10 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
         too few vertices or such as are not finite.
     """
     kind = curve_format(path)
-    if closed is not None and not kind.startswith(".csv"):
-        raise CurveError(f"{path}: a {kind} file says by itself which curves are closed")
+    if closed is not None:
+        flag("closed", closed)
+        if not kind.startswith(".csv"):
+            raise CurveError(f"{path}: a {kind} file says by itself which curves are closed")
     try:
         if kind.startswith(".csv"):
             found = _of_csv(path, closed)
@@ -141,7 +152,10 @@ class _Placed:
 
 
 def _curves(found: Sequence[tuple[FloatArray, bool]]) -> list[CurveInFile]:
-    return [CurveInFile(rows[:, :2], closed, rows[:, 2:]) for rows, closed in found]
+    return [
+        CurveInFile(rows[:, :2], closed, rows[:, 2:], replace(ends_of(rows[:, :2], closed), why="source"))
+        for rows, closed in found
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +171,8 @@ class _Csv:
         rows: list[FloatArray] = []
         gaps: list[int] = []
         number: list[npt.NDArray[Any]] = []
-        for k, curve in enumerate(curves):
+        for k, (curve, again) in enumerate(zip(curves, self._repeats(curves), strict=True)):
             table = np.concatenate([curve.points, curve.more], axis=1)
-            again = k < len(self.repeated) and self.repeated[k]
             table = np.concatenate([table, table[:1]]) if again else table
             gaps.append(sum(len(part) for part in rows))
             number.append(np.full(len(table), k if self.by_column is None else self.by_column[k]))
@@ -169,6 +182,13 @@ class _Csv:
         if self.by_column is not None:
             columns.insert(2, np.concatenate(number))
         return encode_table(columns, self.names, self.delimiter, [] if self.by_column is not None else gaps[1:])
+
+    def _repeats(self, curves: Sequence[CurveInFile]) -> list[bool]:
+        """Say which curves repeat their first vertex: those that did, or all closed ones if a reader were misled."""
+        told = [k < len(self.repeated) and self.repeated[k] and curve.closed for k, curve in enumerate(curves)]
+        closed = [curve.closed for curve in curves]
+        read = told if any(told) else [ends_of(curve.points).closed for curve in curves]
+        return told if read == closed else closed
 
 
 def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
@@ -184,24 +204,22 @@ def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
     numbers, first = np.unique(label, return_index=True)
     numbers = numbers[np.argsort(first)]
     parts = [rows[label == number] for number in numbers]
-    repeated = [len(part) > 3 and bool((part[0, [x, y]] == part[-1, [x, y]]).all()) for part in parts]
-    if closed is None:
-        shut = repeated if any(repeated) else [True] * len(parts)
-    else:
-        shut = [closed] * len(parts)
-    # of an open curve the last vertex stays, even on the first
-    repeated = [again and is_closed for again, is_closed in zip(repeated, shut, strict=True)]
+    ends = [ends_of(part[:, [x, y]], closed) for part in parts]
+    if closed is None and any(one.repeated for one in ends):
+        # a file that repeats the first vertex of some says so that the others are open
+        ends = [one if one.repeated else replace(one, closed=False, why="source") for one in ends]
     curves = []
-    for part, again, is_closed in zip(parts, repeated, shut, strict=True):
-        own = part[:-1] if again else part
-        curves.append(CurveInFile(own[:, [x, y]], is_closed, own[:, rest]))
+    for part, one in zip(parts, ends, strict=True):
+        own = part[:-1] if one.repeated else part
+        curves.append(CurveInFile(own[:, [x, y]], one.closed, own[:, rest], one))
     head = None
     if names is not None:
         head = (names[x], names[y], *([] if which is None else [names[which]]), *(names[k] for k in rest))
-    document = _Csv(head, table.delimiter, None if which is None else numbers, repeated)
+    document = _Csv(head, table.delimiter, None if which is None else numbers, [one.repeated for one in ends])
     return CurvesFile(curves, False, ".csv", document)
 
 
+@door
 def write_curves(
     path: str | os.PathLike[str], curves: Sequence[CurveInFile], *, like: CurvesFile | None = None
 ) -> None:
@@ -245,7 +263,7 @@ def encode_curves(
     like: CurvesFile | None = None,
     names: Sequence[str] = (),
 ) -> bytes:
-    """What :func:`write_curves` writes to a file of that name; `names` are those of what a new CSV says more.
+    """Encode curves as :func:`write_curves` writes them; `names` are those of the columns that a new CSV has more.
 
     Raises
     ------

@@ -1,29 +1,38 @@
-"""Fewer vertices for polygonal curves, by p < 1: :func:`simplify_curve` (section 5.3, figure 7)."""
+"""Simplify polygonal curves, by p < 1: :func:`simplify_curve` (section 5.3, figure 7)."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import choice, integer, number
+from ..doors import door, part_of
 from ..graphs.csr import Graph
 from ..model.result import Result
+from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Solver
-from ..solvers.loop import Callback
 from ..weights import Weights
-from .denoise import Curves, curves_of
+from .curves import Curves, curves_of
 
-Function = Literal["directions", "positions"]
-FUNCTIONS: tuple[Function, ...] = get_args(Function)
+CurveFilter = Literal["directions", "positions"]
+CURVE_FILTERS: tuple[CurveFilter, ...] = get_args(CurveFilter)
 
-# Fidelities where none is given, in the scale of each function: of Great Britain's coast they keep 28 and 31 percent.
-_LAM: dict[Function, float] = {"directions": 3.0, "positions": 0.1}
+# The type to compute in, unless asked otherwise: steps are many and small.
+STEPS = np.float64
+
+# Fidelities where none is given, in the scale of each: of Great Britain's coast they keep 28 and 31 percent.
+_LAM: dict[CurveFilter, float] = {"directions": 3.0, "positions": 0.1}
+
+# One run of the model on a function and a graph.
+Process = Callable[..., Result]
 
 # Differences below these are none: 3 degrees between directions, a twentieth of the mean segment between positions.
 _JUMP = 0.05
@@ -34,8 +43,8 @@ _MOST, _HALVINGS, _STUCK = 1e4, 10, 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSimplification:
-    """What :func:`simplified_curves` made of a curve.
+class Simplified:
+    """A curve of fewer vertices.
 
     Attributes
     ----------
@@ -46,7 +55,7 @@ class CurveSimplification:
     lam : float
         The fidelity used, in the scale of :func:`simplify_curve`.
     result : Result
-        The run, of all curves together.
+        The run; of all curves together, where no number of vertices was asked for.
     """
 
     points: FloatArray
@@ -55,11 +64,32 @@ class CurveSimplification:
     result: Result
 
 
-def simplify_curve(
-    points: npt.ArrayLike | Sequence[npt.ArrayLike],
+@dataclass(frozen=True, eq=False)
+class CurveSimplification:
+    """What simplifying curves did.
+
+    Attributes
+    ----------
+    curves : Curves
+        Those that came in.
+    filter : {"directions", "positions"}
+        What was regularized.
+    p : float
+    parts : list of Simplified
+        What became of each curve.
+    """
+
+    curves: Curves
+    filter: CurveFilter
+    p: float
+    parts: list[Simplified]
+
+
+def simplified(
+    points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves,
     *,
-    closed: bool = True,
-    function: Function = "directions",
+    closed: bool | None = None,
+    filter: CurveFilter = "directions",
     p: float = 0.5,
     lam: float | None = None,
     n_vertices: int | None = None,
@@ -69,21 +99,50 @@ def simplify_curve(
     solver: str | Solver = "jacobi",
     max_iter: int = 2000,
     tol: float | None = 1e-6,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = np.float64,
-    callback: Callback | None = None,
-    progress: bool = False,
-) -> Any:
+    **options: Unpack[Run],
+) -> CurveSimplification:
+    """Simplify curves, and say all that there is to say about it: the work of :func:`simplify_curve`.
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`simplify_curve`.
+    """
+    curves = curves_of(points, closed)
+    choice("filter", filter, CURVE_FILTERS)
+    if lam is not None and n_vertices is not None:
+        raise ValueError("give lam or n_vertices, not both: the number of vertices follows from lam")
+    if lam is not None and not number("lam", lam, finite=False) > 0:
+        raise ValueError(f"lam must be > 0, or nothing holds the vertices apart; got {lam}")
+    least = 3 if any(curves.closed) else 2
+    if n_vertices is not None and integer("n_vertices", n_vertices) < least:
+        what = "a closed" if any(curves.closed) else "an open"
+        raise ValueError(f"n_vertices must be at least {least} for {what} curve, got {n_vertices}")
+    told: Run = {"dtype": STEPS, **options}
+    process = functools.partial(
+        regularize, p=p, weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, **told
+    )
+    prepared = [_Prepared.of(x, shut) for x, shut in zip(curves.points, curves.closed, strict=True)]
+    if n_vertices is None:
+        parts = _simplified(prepared, filter, _LAM[filter] if lam is None else float(lam), None, process)
+    else:
+        parts = [_with_vertices(curve, filter, int(n_vertices), process) for curve in prepared]
+    return CurveSimplification(curves, filter, float(p), parts)
+
+
+@door(options=RUN | {"dtype": STEPS})
+@part_of(simplified)
+def simplify_curve(found: CurveSimplification) -> Any:
     """Keep the vertices of polygonal curves that tell their shape.
 
     Parameters
     ----------
     points : (n, d) array, or a list of such
         The vertices in order; all curves of a list go as one graph.
-    closed : bool, default True
-        Whether the last vertex is joined to the first. A first vertex repeated at the end is taken off, and put back.
-        An open curve keeps its ends.
-    function : {"directions", "positions"}, default "directions"
+    closed : bool, optional
+        Whether the last vertex is joined to the first. None: as :func:`denoise_curve` says. A first vertex repeated at
+        the end is taken off, and put back. An open curve keeps its ends.
+    filter : {"directions", "positions"}, default "directions"
         What is regularized until it is piecewise constant. "directions": the unit vectors along the segments; a vertex
         is kept where they still jump, so that corners stay and straight runs go. "positions": those of the vertices
         (figure 7); vertices that have met count as one, kept where the curve turns most, so that it is thinned evenly.
@@ -93,9 +152,9 @@ def simplify_curve(
         Fidelity > 0: larger keeps more vertices. It has no unit: it is taken times the length of a segment over the
         mean one for directions, times the mean segment to the power p - 2 for positions. None: 3 and 0.1.
     n_vertices : int, optional
-        How many vertices to keep of each curve, in the place of `lam`: the fidelity is looked for with which so many
+        How many vertices to keep of each curve, instead of `lam`: the fidelity is looked for with which so many
         are left, and the largest jumps count.
-    weights, norm, solver, max_iter, tol, backend, dtype, callback, progress
+    weights, norm, solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`, on the graph of the segments, or of the vertices. Steps are many and small:
         float64 by default.
     eps : float, default 1e-3
@@ -132,48 +191,7 @@ def simplify_curve(
            [1., 1.],
            [0., 1.]])
     """
-    curves = curves_of(points, closed)
-    found = simplified_curves(
-        curves, function=function, p=p, lam=lam, n_vertices=n_vertices, weights=weights, norm=norm, eps=eps,
-        solver=solver, max_iter=max_iter, tol=tol, backend=backend, dtype=dtype, callback=callback, progress=progress,
-    )  # fmt: skip
-    return curves.as_came([one.points for one in found])
-
-
-def simplified_curves(
-    curves: Curves,
-    *,
-    function: Function = "directions",
-    lam: float | None = None,
-    n_vertices: int | None = None,
-    **model: Any,
-) -> list[CurveSimplification]:
-    """:func:`simplify_curve`, with all that there is to say about it.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`simplify_curve`.
-    """
-    if function not in FUNCTIONS:
-        raise ValueError(f"function must be one of {', '.join(FUNCTIONS)}, got {function!r}")
-    if lam is not None and n_vertices is not None:
-        raise ValueError("give lam or n_vertices, not both: the number of vertices follows from lam")
-    if lam is not None and (isinstance(lam, bool) or not isinstance(lam, int | float | np.number)):
-        raise TypeError(f"lam must be a number, got {lam!r}")
-    if lam is not None and not lam > 0:
-        raise ValueError(f"lam must be > 0, or nothing holds the vertices apart; got {lam}")
-    least = 3 if curves.closed else 2
-    if n_vertices is not None and (isinstance(n_vertices, bool) or not isinstance(n_vertices, int | np.integer)):
-        raise TypeError(f"n_vertices must be an integer, got {n_vertices!r}")
-    if n_vertices is not None and n_vertices < least:
-        what = "a closed" if curves.closed else "an open"
-        raise ValueError(f"n_vertices must be at least {least} for {what} curve, got {n_vertices}")
-    prepared = [_Prepared.of(x, curves.closed) for x in curves.points]
-    if n_vertices is None:
-        chosen = _LAM[function] if lam is None else float(lam)
-        return _simplified(prepared, function, chosen, None, model)
-    return [_with_vertices(curve, function, int(n_vertices), model) for curve in prepared]
+    return found.curves.as_came([part.points for part in found.parts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +212,7 @@ class _Prepared:
         return cls(x[number], number, closed, x)
 
     def only(self, kept: IntArray) -> _Prepared:
-        """The curve of some of the given vertices."""
+        """Make the curve of some of the given vertices."""
         return _Prepared(self.given[kept], kept, self.closed, self.given)
 
     @property
@@ -203,35 +221,35 @@ class _Prepared:
         return len(self.points) <= (3 if self.closed else 2)
 
     def segments(self) -> tuple[FloatArray, FloatArray]:
-        """Unit vectors along the segments, and their lengths."""
+        """Compute unit vectors along the segments, (s, d), and their lengths, (s,)."""
         steps = np.roll(self.points, -1, axis=0) - self.points
         steps = steps if self.closed else steps[:-1]
         lengths = np.linalg.norm(steps, axis=1)
         return steps / lengths[:, None], lengths
 
-    def function(self, function: Function, lam: float, p: float) -> tuple[FloatArray, FloatArray]:
-        """What is regularized, in units in which 1 is large, and the fidelity of each value."""
+    def values(self, filter: CurveFilter, lam: float) -> tuple[FloatArray, FloatArray]:
+        """Compute what is regularized, in units in which 1 is large, and the fidelity of each value."""
         directions, lengths = self.segments()
         mean = float(lengths.mean())
-        if function == "directions":
+        if filter == "directions":
             return directions, lam * lengths / mean
         f = (self.points - self.points.mean(axis=0)) / mean
         return f, np.full(len(f), lam)
 
-    def kept(self, f: FloatArray, function: Function, count: int | None) -> IntArray:
-        """Vertices kept, where values (of the segments, or at the vertices) are f; `count` of them, if asked for."""
+    def kept(self, f: FloatArray, filter: CurveFilter, count: int | None) -> IntArray:
+        """Choose the vertices to keep, `count` of them if asked for, by values f of the segments or the vertices."""
         n = len(self.points)
         jumps = np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1)
         if not self.closed:
             # between the last and the first there is none; the ends stay
             jumps[0] = math.inf
-            if function == "directions":
+            if filter == "directions":
                 jumps = np.append(jumps, math.inf)
         most = min(n, count) if count is not None else max(int((jumps > _JUMP).sum()), 3 if self.closed else 2)
-        if function == "positions" and not self.closed and most < 2:
+        if filter == "positions" and not self.closed and most < 2:
             most = 2
         cuts = np.sort(np.argsort(-jumps, kind="stable")[:most])
-        if function == "directions":
+        if filter == "directions":
             return cuts
         # one vertex of each run from cut to cut: where the curve turns most; the ends of an open one
         turns = self._turns()
@@ -241,38 +259,36 @@ class _Prepared:
         return found
 
     def _turns(self) -> FloatArray:
-        """By how much the direction changes at each vertex, infinitely at open ends."""
+        """Compute by how much the direction changes at each vertex, infinitely at open ends, (n,)."""
         directions, _ = self.segments()
         turns: FloatArray = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1)
         return turns if self.closed else np.concatenate([[math.inf], turns[1:], [math.inf]])
 
 
 def _simplified(
-    curves: list[_Prepared], function: Function, lam: float, count: int | None, model: dict[str, Any]
-) -> list[CurveSimplification]:
-    """All curves in one run."""
-    parts = [curve.function(function, lam, model["p"]) for curve in curves]
-    graph = _chain([len(f) for f, _ in parts], curves[0].closed)
-    result = regularize(
-        np.concatenate([f for f, _ in parts]), graph, lam=np.concatenate([held for _, held in parts]), **model
-    )
+    curves: list[_Prepared], filter: CurveFilter, lam: float, count: int | None, process: Process
+) -> list[Simplified]:
+    """Simplify all curves in one run."""
+    parts = [curve.values(filter, lam) for curve in curves]
+    graph = _chain([len(f) for f, _ in parts], [curve.closed for curve in curves])
+    result = process(np.concatenate([f for f, _ in parts]), graph, lam=np.concatenate([held for _, held in parts]))
     values = np.split(result.value, np.cumsum([len(f) for f, _ in parts[:-1]]))
     found = []
     for curve, f in zip(curves, values, strict=True):
-        kept = np.arange(len(curve.points)) if curve.too_small else curve.kept(f, function, count)
+        kept = np.arange(len(curve.points)) if curve.too_small else curve.kept(f, filter, count)
         kept = curve.number[kept]
-        found.append(CurveSimplification(curve.given[kept], kept, lam, result))
+        found.append(Simplified(curve.given[kept], kept, lam, result))
     return found
 
 
-def _with_vertices(curve: _Prepared, function: Function, count: int, model: dict[str, Any]) -> CurveSimplification:
-    """The simplification with so many vertices, with the least fidelity that leaves as many.
+def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: Process) -> Simplified:
+    """Simplify a curve to so many vertices, with the least fidelity that leaves as many.
 
     One run leaves a third: from there the next begins, as long as more are left than asked for.
     """
-    low = _LAM[function]
+    low = _LAM[filter]
     while not curve.too_small:
-        [found] = _simplified([curve], function, low, None, model)
+        [found] = _simplified([curve], filter, low, None, process)
         if len(found.kept) == count:
             return found
         if len(found.kept) < count or len(found.kept) > _STUCK * len(curve.points):
@@ -281,18 +297,18 @@ def _with_vertices(curve: _Prepared, function: Function, count: int, model: dict
     high = low * _MOST
     for _ in range(_HALVINGS):
         middle = math.sqrt(low * high)
-        [found] = _simplified([curve], function, middle, None, model)
+        [found] = _simplified([curve], filter, middle, None, process)
         if len(found.kept) == count:
             return found
         low, high = (middle, high) if len(found.kept) < count else (low, middle)
-    return _simplified([curve], function, high, count, model)[0]
+    return _simplified([curve], filter, high, count, process)[0]
 
 
-def _chain(sizes: list[int], closed: bool) -> Graph:
-    """Values of several curves, each joined to the next of its own."""
+def _chain(sizes: list[int], closed: list[bool]) -> Graph:
+    """Make a graph of the values of several curves, each joined to the next of its own."""
     starts = np.cumsum([0, *sizes])
     edges = []
-    for start, size in zip(starts, sizes, strict=False):
-        u = np.arange(size if closed and size > 2 else size - 1)
+    for start, size, shut in zip(starts, sizes, closed, strict=False):
+        u = np.arange(size if shut and size > 2 else size - 1)
         edges.append(np.stack([start + u, start + (u + 1) % size], axis=1))
     return Graph.from_edges(np.concatenate(edges), n_vertices=int(starts[-1]))

@@ -1,16 +1,21 @@
-"""Skeletons of polygons, as graphs with radii, and what smoothing leaves of them (section 5.3, figure 9)."""
+"""Compute skeletons of polygons, graphs with radii, before and after smoothing (section 5.3, figure 9)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import number
+from ..doors import door
 from ..graphs.csr import Graph
-from .denoise import curves_of, denoised_curves
+from ..regularization.options import MODEL, Model
+from ..weights import Weights
+from .curves import curves_of
+from .denoise import denoised
 
 # Vertices whose rays are cast together.
 _BLOCK = 1 << 22
@@ -55,7 +60,7 @@ class Skeleton:
         return np.diff(self.graph.indptr)
 
     def branches(self) -> list[IntArray]:
-        """The chains from end or junction to end or junction, as vertices in order; a ring by itself is one."""
+        """List the chains from end or junction to end or junction, as vertices in order; a ring by itself is one."""
         degree, indptr, indices = self._degrees(), self.graph.indptr, self.graph.indices
         nodes = np.flatnonzero((degree != 2) & (degree > 0))
         done: set[tuple[int, int]] = set()
@@ -100,8 +105,9 @@ class SkeletonSimplification:
     after: Skeleton
 
 
+@door
 def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
-    """The skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
+    """Compute the skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
 
     Parameters
     ----------
@@ -143,14 +149,13 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     from scipy.spatial import QhullError, Voronoi
 
     [x] = curves_of(points, True).points
-    if isinstance(detail, bool) or not isinstance(detail, int | float | np.number) or not detail >= 0:
-        raise ValueError(f"detail must be a number >= 0, in mean segments, got {detail!r}")
+    number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
         raise ValueError(f"a skeleton is that of a polygon of the plane, (n, 2); got {x.shape}")
     sites, order = np.unique(x, axis=0, return_index=True)
     # along the polygon, without copies
-    number = np.sort(order)
-    sites = x[number]
+    first = np.sort(order)
+    sites = x[first]
     n = len(sites)
     try:
         diagram = Voronoi(sites - sites.mean(axis=0))
@@ -181,6 +186,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     return Skeleton(x, graph, radii)
 
 
+@door(options=MODEL)
 def simplify_skeleton(
     points: npt.ArrayLike,
     *,
@@ -188,9 +194,11 @@ def simplify_skeleton(
     lam: float | npt.ArrayLike = 0.1,
     max_iter: int = 10,
     detail: float = 1.0,
-    **model: Any,
+    weights: Weights | npt.ArrayLike | None = None,
+    fixed: npt.ArrayLike | None = None,
+    **options: Unpack[Model],
 ) -> SkeletonSimplification:
-    """The skeleton of a polygon before and after the positions of its vertices were regularized (figure 9).
+    """Compute the skeleton of a polygon before and after its vertices are regularized (figure 9).
 
     Parameters
     ----------
@@ -200,8 +208,10 @@ def simplify_skeleton(
         The process on the polygon: p = 2, lam = 0.1 and 10 iterations, unless asked otherwise.
     detail : float, default 1
         As for :func:`skeleton`.
-    **model
-        What else :func:`gpureg.denoise_curve` is told: weights, fixed, norm, solver ("jacobi"), backend and so on.
+    weights, fixed
+        As for :func:`gpureg.denoise_curve`.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------
@@ -225,12 +235,13 @@ def simplify_skeleton(
     """
     curves = curves_of(points, True)
     before = skeleton(points, detail=detail)
-    [smooth] = denoised_curves(curves, p=p, lam=lam, max_iter=max_iter, **({"solver": "jacobi"} | model)).points
+    told: Model = {"solver": "jacobi", **options}
+    [smooth] = denoised(curves, p=p, lam=lam, max_iter=max_iter, weights=weights, fixed=fixed, **told).points
     return SkeletonSimplification(before, skeleton(smooth, detail=detail))
 
 
 def _inside(places: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether a ray from each place crosses the polygon an odd number of times, (k,)."""
+    """Say whether a ray from each place crosses the polygon an odd number of times, (k,)."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     odd = np.zeros(len(places), bool)
     step = max(1, _BLOCK // len(polygon))

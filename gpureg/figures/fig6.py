@@ -37,7 +37,7 @@ def draw(inputs: Inputs) -> Drawn:
     fit = 0.5 / max(estimate_mesh_noise(mesh) / edge, 1e-3) / edge**2
     for name, lam in (("lam = 0", 0.0), ("with the fit term", fit)):
         drawn[name] = denoise_mesh(
-            mesh, filter="vertices", weights=inverse_distance(2), lam=lam, max_iter=ITERATIONS, backend=inputs.backend
+            mesh, filter="positions", weights=inverse_distance(2), lam=lam, max_iter=ITERATIONS, backend=inputs.backend
         )
     first = next(iter(drawn.values()))
     numbers: dict[str, Any] = {"mesh": source.name, "vertices": len(mesh[0]), "iterations": ITERATIONS, "lam": [0, fit]}

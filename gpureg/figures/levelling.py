@@ -34,7 +34,7 @@ EPS = 2.55
 GRAPHS: dict[str, Weights | None] = {
     "G_0": None,
     "G_8, w_1": bilateral(4, 20),
-    "G_8, w_2^5": patch(5, 20, a=2),
+    "G_8, w_2^5": patch(5, 20, patch_sigma=2),
 }
 WEIGHTS = "w_1: distances of 4 pixels and 20 grey levels; w_2^5: 11 x 11 patches, h = 20, a = 2"
 # Longer sides of the picture: in full, and quickly.

@@ -44,7 +44,7 @@ def animal(side: int) -> tuple[FloatArray, IntArray]:
     # two sweeps towards the mean of the neighbours: marching cubes leaves slivers, whose edges are of no length
     mesh = (vertices.astype(np.float64) + low, faces[:, ::-1].astype(np.int64))
     found: tuple[FloatArray, IntArray] = denoise_mesh(
-        mesh, filter="vertices", lam=0, max_iter=2, tol=None, solver=Jacobi(damping=1), backend="numpy"
+        mesh, filter="positions", lam=0, max_iter=2, tol=None, solver=Jacobi(damping=1), backend="numpy"
     )
     return found
 

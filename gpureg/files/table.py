@@ -1,10 +1,9 @@
-"""Tables of numbers in text, a row a line: CSV and its like, for points and curves."""
+"""Read and write tables of numbers in text, a row a line: CSV and its like, for points and curves."""
 
 from __future__ import annotations
 
 import gzip
 import os
-import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,7 +42,7 @@ class Table:
 
 
 def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> str:
-    """The text in a file, unpacked where its name ends in .gz.
+    """Read the text in a file, unpacked where its name ends in .gz.
 
     Raises
     ------
@@ -70,50 +69,45 @@ def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureE
 
 
 def read_table(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> Table:
-    """The table in a text file: numbers between commas, semicolons, tabs or spaces; lines after # are comments.
+    """Read a table: numbers between commas, semicolons, tabs or spaces, a row a line; # begins a comment.
+
+    Parameters
+    ----------
+    path : path
+    error : type of PictureError
+        What is raised.
 
     Raises
     ------
     error
         As :func:`read_text`; a line with something that is no number, or with more or fewer numbers than the first.
     """
+    text = read_text(path, error)
+    raw = text.splitlines()
+    bare = [line.partition("#")[0] for line in raw] if "#" in text else raw
+    lines = [line.strip() for line in bare]
+    at = [k for k, line in enumerate(lines) if line]
+    delimiter = next((sign for sign in ",;\t" if at and sign in lines[at[0]]), " ")
     names: tuple[str, ...] | None = None
-    delimiter, block, gap = "", 0, False
-    rows: list[list[float]] = []
-    blocks: list[int] = []
-    written: list[list[bool]] = []
-    for number, raw in enumerate(read_text(path, error).splitlines(), 1):
-        line = raw.partition("#")[0].strip()
-        if not line:
-            gap = gap or not raw.strip()
-            continue
-        if not delimiter:
-            delimiter = next((sign for sign in ",;\t" if sign in line), " ")
-        words = line.split() if delimiter == " " else [word.strip() for word in line.split(delimiter)]
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            if rows or names is not None:
-                wrong = next(word for word in words if not _is_number(word))
-                raise error(f"{path}, line {number}: {wrong!r} is no number") from None
-            names = tuple(word.strip("\"'") for word in words)
-            continue
-        if rows and len(values) != len(rows[0]):
-            raise error(f"{path}, line {number}: {len(values)} numbers where the first line has {len(rows[0])}")
-        block += gap and bool(rows)
-        gap = False
-        rows.append(values)
-        blocks.append(block)
-        if len(rows) == 1:
-            written = [[] for _ in words]
-        for column, word in zip(written, words, strict=True):
-            column.append(re.fullmatch(r"[+-]?\d+", word) is not None)
-    if not rows:
+    if at and not all(map(_is_number, first := _words(lines[at[0]], delimiter))):
+        names = tuple(word.strip("\"'") for word in first)
+        at = at[1:]
+    if not at:
         raise error(f"{path} holds no numbers")
-    if names is not None and len(names) != len(rows[0]):
-        raise error(f"{path}: its header names {len(names)} columns, and its lines have {len(rows[0])}")
-    whole = np.array([all(column) for column in written])
-    return Table(np.array(rows), names, np.array(blocks), delimiter, whole)
+    rows = _numbers([lines[k] for k in at], delimiter)
+    if rows is None:
+        raise error(f"{path}, {_fault(lines, at, delimiter)}")
+    if names is not None and len(names) != rows.shape[1]:
+        raise error(f"{path}: its header names {len(names)} columns, and its lines have {rows.shape[1]}")
+    whole = np.array([_is_whole(lines, at, delimiter, k, column) for k, column in enumerate(rows.T)])
+    # the number of blank lines above each line; a comment is no blank line
+    above = np.cumsum([not line.strip() for line in raw])[at]
+    blocks = np.cumsum(np.diff(above, prepend=above[0]) > 0, dtype=np.int64)
+    return Table(rows, names, blocks, delimiter, whole)
+
+
+def _words(line: str, delimiter: str) -> list[str]:
+    return line.split() if delimiter == " " else [word.strip() for word in line.split(delimiter)]
 
 
 def _is_number(word: str) -> bool:
@@ -124,10 +118,45 @@ def _is_number(word: str) -> bool:
     return True
 
 
+def _numbers(lines: list[str], delimiter: str) -> FloatArray | None:
+    """Parse the numbers in lines of text, (n, c); None where some are none, or lines differ in length."""
+    between = None if delimiter == " " else delimiter
+    # numpy's own parser knows fewer ways to write a number than Python's, such as 1_000
+    for converters in (None, float):
+        try:
+            return np.loadtxt(lines, delimiter=between, comments=None, ndmin=2, converters=converters)
+        except ValueError:
+            continue
+    return None
+
+
+def _fault(lines: list[str], at: list[int], delimiter: str) -> str:
+    """Find the first line in which something is wrong; `at` are the lines with numbers."""
+    count = 0
+    for k in at:
+        words = _words(lines[k], delimiter)
+        wrong = next((word for word in words if not _is_number(word)), None)
+        if wrong is not None:
+            return f"line {k + 1}: {wrong!r} is no number"
+        count = count or len(words)
+        if len(words) != count:
+            return f"line {k + 1}: {len(words)} numbers where the first line has {count}"
+    raise AssertionError("nothing is wrong with these lines")
+
+
+def _is_whole(lines: list[str], at: list[int], delimiter: str, k: int, column: FloatArray) -> bool:
+    """Say whether all numbers of column `k` were written as integers, 3 and not 3.0."""
+    if not (column == np.rint(column)).all():
+        return False
+    between = None if delimiter == " " else delimiter
+    signs = set("".join([lines[row].split(between)[k] for row in at]))
+    return all(sign.isdecimal() or sign.isspace() or sign in "+-" for sign in signs)
+
+
 def encode_table(
     columns: Sequence[npt.NDArray[Any]], names: Sequence[str] | None, delimiter: str, gaps: npt.ArrayLike = ()
 ) -> bytes:
-    """Columns as text, each number in as few digits as give it back; blank lines before the rows `gaps`."""
+    """Encode columns as text, each number in as few digits as give it back; blank lines before the rows `gaps`."""
     words = [[repr(value) for value in column.tolist()] for column in _shortest(columns)]
     lines = [delimiter.join(row) for row in zip(*words, strict=True)]
     for row in sorted(np.asarray(gaps, int).tolist(), reverse=True):
@@ -137,7 +166,7 @@ def encode_table(
 
 
 def _shortest(columns: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Columns in float64, of single precision those doubles whose digits are as few."""
+    """Convert columns to float64, of single precision to those doubles whose digits are as few."""
     return [
         np.array([float(str(value)) for value in column], np.float64) if column.dtype == np.float32 else column
         for column in columns

@@ -14,7 +14,9 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, frozen, integers
 from ..checks import integer
-from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize, check_weights, refuse_loops, symmetrized
+from ..doors import door
+from .checked import checked_positions, checked_rows
+from .edges import Symmetrize, check_symmetrize, check_weights, symmetrized
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -64,56 +66,11 @@ class Graph:
     positions: FloatArray | None = None
     grid: GridGraph | None = None
 
+    @door(name="Graph")
     def __post_init__(self) -> None:
-        from scipy import sparse
-
-        indptr = integers("indptr", self.indptr, 1).astype(np.int64)
-        indices = integers("indices", self.indices, 1).astype(np.int64)
-        n, nnz = len(indptr) - 1, len(indices)
-        if n < 1:
-            raise ValueError("a graph needs at least one vertex: indptr must have n + 1 >= 2 entries")
-        if indptr[0] != 0 or indptr[-1] != nnz or (np.diff(indptr) < 0).any():
-            raise ValueError(f"indptr must rise from 0 to len(indices) = {nnz} without falling")
-        if nnz and (indices.min() < 0 or indices.max() >= n):
-            bad = indices[(indices < 0) | (indices >= n)][0]
-            raise ValueError(f"indices must lie in 0..{n - 1}, got {bad}")
-        weights = None
-        if self.weights is not None:
-            weights = check_weights(self.weights, (nnz,), "one per stored directed edge")
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        if ((indices[1:] <= indices[:-1]) & (rows[1:] == rows[:-1])).any():
-            order = np.lexsort((indices, rows))
-            indices = indices[order]
-            if weights is not None:
-                weights = weights[order]
-        refuse_loops(rows, indices)
-        repeated = (rows[1:] == rows[:-1]) & (indices[1:] == indices[:-1])
-        if repeated.any():
-            u, v = rows[1:][repeated][0], indices[1:][repeated][0]
-            raise ValueError(f"each edge may be stored once per direction, ({u}, {v}) is repeated: {SYMMETRIZE_MENDS}")
-        forward = sparse.csr_array((np.arange(1, nnz + 1), indices, indptr), shape=(n, n))
-        backward = forward.T.tocsr()
-        backward.sort_indices()
-        if not (np.array_equal(backward.indptr, indptr) and np.array_equal(backward.indices, indices)):
-            k = int(np.flatnonzero(~np.isin(rows * n + indices, indices * n + rows))[0])
-            u, v = rows[k], indices[k]
-            raise ValueError(
-                f"the graph must be symmetric, every edge stored in both directions: ({u}, {v}) is stored but "
-                f"({v}, {u}) is not: {SYMMETRIZE_MENDS}"
-            )
-        if weights is not None:
-            mirrored = weights[backward.data - 1]
-            if not np.array_equal(weights, mirrored):
-                k = int(np.flatnonzero(weights != mirrored)[0])
-                raise ValueError(
-                    f"weights must be the same in both directions, edge ({rows[k]}, {indices[k]}) has "
-                    f"{weights[k]} one way and {mirrored[k]} the other: {SYMMETRIZE_MENDS}"
-                )
-        positions = None
-        if self.positions is not None:
-            positions = np.array(self.positions, dtype=np.float64)
-            if positions.ndim != 2 or len(positions) != n or not np.isfinite(positions).all():
-                raise ValueError(f"positions must be finite and of shape ({n}, d), got shape {positions.shape}")
+        indptr, indices, weights = checked_rows(self.indptr, self.indices, self.weights)
+        n = len(indptr) - 1
+        positions = checked_positions(self.positions, n)
         if self.grid is not None and self.grid.n_vertices != n:
             raise ValueError(f"the grid has {self.grid.n_vertices} vertices, the graph {n}")
         narrow = np.int32 if n < 2**31 else np.int64
@@ -127,6 +84,7 @@ class Graph:
         return f"Graph({self.n_vertices} vertices, {self.n_edges // 2} undirected edges, {weighted})"
 
     @classmethod
+    @door(name="Graph.from_edges")
     def from_edges(
         cls,
         edges: npt.ArrayLike,
@@ -136,12 +94,13 @@ class Graph:
         positions: npt.ArrayLike | None = None,
         symmetrize: Symmetrize | None = None,
     ) -> Self:
-        """Graph from a list of undirected edges, each given once; with `symmetrize`, from any list.
+        """Make a graph of a list of undirected edges, each given once; with `symmetrize`, of any list.
 
         Parameters
         ----------
-        edges : (E, 2) int array
-            Pairs of vertices.
+        edges : (E, 2) or (2, E) int array
+            Pairs of vertices, one per row; or the first vertices and the second ones, as two rows. A (2, 2) array
+            holds a pair per row.
         weights : (E,) float array, optional
             One weight per undirected edge; None means 1 everywhere.
         n_vertices : int, optional
@@ -149,7 +108,7 @@ class Graph:
         positions : (n, d) float array, optional
             Coordinates of the vertices.
         symmetrize : {"max", "mean", "mutual"}, optional
-            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in whatever
+            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in either
             direction. Otherwise the edges are directed, and all those between u and v, either way, make one:
             "max" takes the largest weight; "mean" half the sum, so that a direction that is missing counts 0 and a
             pair listed both ways gets the mean; "mutual" the smallest, and no edge where a direction is missing.
@@ -180,8 +139,10 @@ class Graph:
         check_symmetrize(symmetrize)
         pairs = np.asarray(edges)
         pairs = integers("edges", pairs.reshape(0, 2) if pairs.size == 0 else pairs, 2).astype(np.int64)
+        if 2 not in pairs.shape:
+            raise ValueError(f"edges must have shape (E, 2) or (2, E), got {pairs.shape}")
         if pairs.shape[1] != 2:
-            raise ValueError(f"edges must have shape (E, 2), got {pairs.shape}")
+            pairs = pairs.T
         if n_vertices is not None:
             integer("n_vertices", n_vertices, low=1)
         n = int(pairs.max()) + 1 if n_vertices is None and len(pairs) else n_vertices
@@ -200,7 +161,7 @@ class Graph:
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
     def to_edges(self) -> tuple[IntArray, FloatArray | None]:
-        """Each undirected edge once: what :meth:`from_edges` takes, with ``n_vertices`` besides.
+        """List each undirected edge once, as :meth:`from_edges` takes them together with ``n_vertices``.
 
         Returns
         -------
@@ -221,10 +182,11 @@ class Graph:
         return edges, None if self.weights is None else self.weights[once]
 
     @classmethod
+    @door(name="Graph.from_scipy")
     def from_scipy(
         cls, matrix: Any, *, symmetrize: Symmetrize | None = None, positions: npt.ArrayLike | None = None
     ) -> Self:
-        """Graph whose weight matrix W is the sparse `matrix`; explicit zeros stay edges.
+        """Make the graph whose weight matrix W is a sparse matrix; explicit zeros stay edges.
 
         Parameters
         ----------

@@ -42,7 +42,9 @@ def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, 
     if spacing is None:
         return None
     if np.ndim(spacing) != 1:
-        raise ValueError(f"spacing must hold {ndim} numbers, one per axis, got {spacing}")
+        raise ValueError(f"spacing must hold {ndim} numbers, one per axis, got {spacing!r}")
+    if np.asarray(spacing).dtype.kind not in "iuf":
+        raise TypeError(f"spacing must hold numbers, got {spacing!r}")
     steps = tuple(float(s) for s in spacing)
     if len(steps) != ndim or not all(math.isfinite(s) and s > 0 for s in steps):
         raise ValueError(f"spacing must hold {ndim} finite numbers > 0, got {spacing}")

@@ -21,10 +21,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..doors import door
 from ..files.pictures import PictureError, write_atomically
+from .accepted import StoredLike, as_stored
 from .csr import Graph
 from .edges import Symmetrize, check_symmetrize
-from .grid import check_stored
 
 FORMATS = (".mtx", ".mtx.gz", ".npz")
 
@@ -49,6 +50,7 @@ def _format(path: str | os.PathLike[str]) -> str:
     raise ValueError(f"{path}: the extension must be one of {', '.join(FORMATS)}")
 
 
+@door
 def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = None) -> Graph:
     """Read a graph from a Matrix Market (.mtx, .mtx.gz) or NumPy (.npz) file.
 
@@ -129,7 +131,7 @@ def _read_npz(file: BinaryIO) -> tuple[Any, bool, FloatArray | None]:
     """The matrix, whether it has weights, and positions."""
     from scipy import sparse
 
-    # Without this numpy takes whatever is no archive for a pickle, and its message leads astray.
+    # Without this numpy takes a file that is no archive for a pickle, and its message misleads.
     if not zipfile.is_zipfile(file):
         raise ValueError("it is no zip archive")
     file.seek(0)
@@ -170,7 +172,8 @@ def _csr(data: npt.NDArray[Any], indices: npt.NDArray[Any], indptr: npt.NDArray[
     return sparse.csr_array((data, indices, indptr), shape=tuple(shape.tolist()))
 
 
-def write_graph(path: str | os.PathLike[str], graph: Graph) -> None:
+@door
+def write_graph(path: str | os.PathLike[str], graph: StoredLike) -> None:
     """Write a graph to a Matrix Market (.mtx, .mtx.gz) or NumPy (.npz) file, whole or not at all.
 
     The file is written under another name in the same folder and renamed, so that an error or an interruption leaves
@@ -180,22 +183,23 @@ def write_graph(path: str | os.PathLike[str], graph: Graph) -> None:
     ----------
     path : path
         The extension tells the format. Matrix Market holds the weights alone, as a symmetric real matrix (pattern
-        where the graph has none) in as many digits as float64 needs; positions, and weights as float32, are kept by
-        .npz only. No format keeps the grid of ``grid.to_graph()``.
+        where the graph has none) in as many digits as float64 needs; only .npz
+        holds positions, and weights as float32. No format holds the grid of ``grid.to_graph()``.
     graph : Graph
+        Or a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without self-loops.
 
     Raises
     ------
     TypeError
-        Something other than a Graph; of a GridGraph, give ``grid.to_graph()``.
+        What is no graph with stored edges; of a GridGraph, give ``grid.to_graph()``.
     ValueError
         An unknown extension.
     OSError
         The file cannot be written.
     """
     kind = _format(path)
-    check_stored("write_graph", graph)
-    write: Callable[[BinaryIO], None] = _write_npz(graph) if kind == ".npz" else _write_mtx(graph, kind == ".mtx.gz")
+    stored = as_stored(graph, degrees=True)
+    write: Callable[[BinaryIO], None] = _write_npz(stored) if kind == ".npz" else _write_mtx(stored, kind == ".mtx.gz")
 
     def into(temporary: Path) -> None:
         # A stream, not a name: numpy and scipy would choose an extension of their own.
@@ -229,7 +233,7 @@ def _write_mtx(graph: Graph, packed: bool) -> Callable[[BinaryIO], None]:
         field: Literal["pattern", "real"] = "pattern" if graph.weights is None else "real"
         # 17 digits tell any two float64 apart.
         mmwrite(text, graph.to_scipy().astype(np.float64), field=field, precision=17, symmetry="symmetric")
-        # scipy calls a matrix without entries real, whatever it is told.
+        # scipy writes "real" for a matrix without entries, even where `field` says something else.
         data = text.getvalue().replace(b" real ", f" {field} ".encode(), 1)
         file.write(gzip.compress(data, mtime=0) if packed else data)
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..doors import door
 from .csr import Graph
 from .edges import SYMMETRIZE_MENDS, Symmetrize, check_symmetrize
-from .grid import check_stored
+from .grid import refuse_grid
 
 
 def _networkx() -> Any:
@@ -23,8 +24,9 @@ def _networkx() -> Any:
     return networkx
 
 
+@door
 def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetrize | None = None) -> Graph:
-    """Graph from a networkx graph of any class; vertex i is the i-th of ``list(g.nodes)``.
+    """Make a graph of a networkx graph of any class; vertex i is the i-th of ``list(g.nodes)``.
 
     Parameters
     ----------
@@ -59,7 +61,7 @@ def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetri
     nx = _networkx()
     check_symmetrize(symmetrize)
     if not isinstance(g, nx.Graph):  # the base of all four classes
-        raise TypeError(f"from_networkx takes a networkx graph, got {type(g).__name__}")
+        raise TypeError(f"g must be a networkx graph, got {type(g).__name__}")
     number = {node: i for i, node in enumerate(g.nodes)}
     if not number:
         raise ValueError("a graph needs at least one vertex, this networkx graph has no nodes")
@@ -87,6 +89,16 @@ def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetri
     # Directed edges that passed the check above come in equal pairs: "max" makes one of two.
     how = "max" if symmetrize is None and g.is_directed() else symmetrize
     return Graph.from_edges(edges, weights, n_vertices=len(number), positions=_node_positions(g.nodes), symmetrize=how)
+
+
+def without_loops(g: Any) -> tuple[Any, int]:
+    """A networkx graph without its self-loops, a copy if there are any, and their number."""
+    nx = _networkx()
+    loops = list(nx.selfloop_edges(g, keys=True) if g.is_multigraph() else nx.selfloop_edges(g))
+    if loops:
+        g = g.copy()
+        g.remove_edges_from(loops)
+    return g, len(loops)
 
 
 def _refuse_unmatched(ends: list[tuple[Any, Any]], values: list[float], directed: bool) -> None:
@@ -122,8 +134,9 @@ def _node_positions(nodes: Mapping[Any, Mapping[str, Any]]) -> FloatArray | None
     return positions
 
 
+@door
 def to_networkx(graph: Graph) -> Any:
-    """The graph as an undirected ``networkx.Graph`` with the nodes 0..n-1.
+    """Make an undirected ``networkx.Graph`` of a graph, with the nodes 0..n-1.
 
     Weights become the edge attribute "weight" (none where the graph has none), positions the node attribute "pos", a
     tuple. All numbers are Python's.
@@ -141,7 +154,9 @@ def to_networkx(graph: Graph) -> Any:
     EdgeDataView([(0, 1, 1.0), (1, 2, 0.5)])
     """
     nx = _networkx()
-    check_stored("to_networkx", graph)
+    refuse_grid("graph", graph)
+    if not isinstance(graph, Graph):
+        raise TypeError(f"graph must be a Graph, got {type(graph).__name__}")
     g = nx.Graph()
     g.add_nodes_from(range(graph.n_vertices))
     if graph.positions is not None:

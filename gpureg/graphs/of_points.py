@@ -9,9 +9,11 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_points
 from ..checks import choice, integer, number
+from ..doors import door
 from .csr import Graph
 
 
+@door
 def knn_graph(
     points: npt.ArrayLike, k: int, *, symmetrize: Literal["max", "mutual"] = "max", reach: float = np.inf
 ) -> Graph:
@@ -48,20 +50,17 @@ def knn_graph(
            [0, 0, 1, 0]])
     """
     positions = checked_points(points)
-    integer("k", k, low=1)
-    number("reach", reach, above=0, finite=False)
+    k, reach = integer("k", k, low=1), number("reach", reach, above=0, finite=False)
     choice("symmetrize", symmetrize, ("max", "mutual"))
     n = len(positions)
-    most = min(int(k), n - 1)
+    most = min(k, n - 1)
     if most == 0:
         return Graph.from_edges([], n_vertices=n, positions=positions)
     # The point itself is among its nearest, though not always the first where others coincide with it.
-    distance, near = _tree(positions).query(
-        positions, k=most + 1, distance_upper_bound=number("reach", reach, above=0, finite=False)
-    )
+    distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=reach)
     rows = np.repeat(np.arange(n), most + 1)
     chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
-    # Where it is not even there, for so many coincide, the furthest is left out in its place.
+    # Where more points coincide with it than are asked for, it may be missing: then the furthest is left out instead.
     chosen &= (np.cumsum(chosen.reshape(n, most + 1), axis=1) <= most).ravel()
     edges = np.stack([rows[chosen], near.ravel()[chosen]], axis=1)
     if not len(edges):
@@ -69,6 +68,7 @@ def knn_graph(
     return Graph.from_edges(edges, n_vertices=n, positions=positions, symmetrize=symmetrize)
 
 
+@door
 def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
     """Join all points at most `radius` apart.
 
@@ -94,8 +94,8 @@ def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
     >>> gr.radius_graph([[0.0], [1.0], [3.0]], 1.5)
     Graph(3 vertices, 1 undirected edges, unweighted)
     """
-    positions = checked_points(points)
-    pairs = _tree(positions).query_pairs(number("radius", radius, above=0, finite=False), output_type="ndarray")
+    positions, radius = checked_points(points), number("radius", radius, above=0, finite=False)
+    pairs = _tree(positions).query_pairs(radius, output_type="ndarray")
     return Graph.from_edges(pairs, n_vertices=len(positions), positions=positions)
 
 

@@ -8,8 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces, checked_points
-from ..checks import choice, integer
+from ..checks import choice, flag, integer
+from ..doors import door
+from .accepted import StoredLike, as_stored
 from .csr import Graph
+from .grid import GridGraph
 
 Across = Literal["edge", "vertex"]
 
@@ -41,8 +44,9 @@ def _without_loops(matrix: Any, positions: FloatArray) -> Graph:
     return Graph(indptr, matrix.indices[other], None, positions)
 
 
+@door
 def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
-    """The graph of a mesh: its vertices, joined along the edges of its faces (section 5.3).
+    """Make the graph of a mesh: its vertices, joined along the edges of its faces (section 5.3).
 
     Parameters
     ----------
@@ -76,8 +80,9 @@ def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     return _joined(edges[:, 0], edges[:, 1], len(positions), positions)
 
 
+@door
 def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across = "edge") -> Graph:
-    """The graph of a mesh's faces, for functions such as their normals.
+    """Make the graph of a mesh's faces, for functions such as their normals.
 
     Parameters
     ----------
@@ -139,8 +144,9 @@ def adjacent_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
     return u, v
 
 
+@door
 def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
-    """The graph of a polygonal curve: each point joined to the next (figures 5, 7 and 9).
+    """Make the graph of a polygonal curve: each point joined to the next (figures 5, 7 and 9).
 
     Parameters
     ----------
@@ -165,7 +171,7 @@ def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
     >>> gr.curve_graph([[0, 0], [1, 0], [1, 1], [0, 1]]).degree()
     array([2., 2., 2., 2.])
     """
-    positions = checked_points(points)
+    positions, closed = checked_points(points), flag("closed", closed)
     n, least = len(positions), 3 if closed else 2
     if n < least:
         raise ValueError(f"{'a closed' if closed else 'an open'} curve needs at least {least} points, got {n}")
@@ -173,13 +179,15 @@ def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
     return Graph.from_edges(np.stack([start, (start + 1) % n], axis=1), n_vertices=n, positions=positions)
 
 
-def ring_graph(graph: Graph, rings: int) -> Graph:
-    """The graph in which vertices at most `rings` edges apart are neighbours (k-ring neighbourhoods).
+@door
+def ring_graph(graph: StoredLike, rings: int) -> Graph:
+    """Join all vertices of a graph that are at most `rings` edges apart (k-ring neighbourhoods).
 
     Parameters
     ----------
     graph : Graph
-        Its weights play no part, its positions are kept.
+        Its weights play no part, its positions become those of the result. Or a symmetric sparse matrix of scipy, or a
+        graph of networkx.
     rings : int
         At least 1, which gives the same edges.
 
@@ -205,9 +213,9 @@ def ring_graph(graph: Graph, rings: int) -> Graph:
     """
     from scipy import sparse
 
-    if not isinstance(graph, Graph):
-        raise TypeError(f"graph must be a Graph, got {type(graph).__name__}: a GridGraph takes a radius")
-    integer("rings", rings, low=1)
+    if isinstance(graph, GridGraph):
+        raise TypeError("graph must be a Graph, got a GridGraph: give that a radius")
+    graph, rings = as_stored(graph), integer("rings", rings, low=1)
     n = graph.n_vertices
     A = sparse.csr_array((np.ones(graph.n_edges, bool), graph.indices, graph.indptr), shape=(n, n))
     near, ring = A, A

@@ -6,18 +6,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import IntArray
+from ..doors import door
+from .accepted import StoredLike, as_stored
 from .csr import Graph
 
 __all__ = ["reordered"]
 
 
-def reordered(graph: Graph, order: npt.ArrayLike | None = None) -> tuple[Graph, IntArray]:
-    """The same graph with its vertices in another order, in which neighbours have near numbers.
+@door
+def reordered(graph: StoredLike, order: npt.ArrayLike | None = None) -> tuple[Graph, IntArray]:
+    """Put the vertices of a graph in another order, in which neighbours have near numbers.
 
     Parameters
     ----------
     graph : Graph
-        Of n vertices.
+        Of n vertices. Or a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without
+        self-loops.
     order : (n,) int array, optional
         The vertices in their new order, each once. None finds the order of reverse Cuthill and McKee.
 
@@ -53,8 +57,7 @@ def reordered(graph: Graph, order: npt.ArrayLike | None = None) -> tuple[Graph, 
     >>> bool(np.allclose(f, gr.regularize(f0, path, backend="numpy").value))
     True
     """
-    if not isinstance(graph, Graph):
-        raise TypeError(f"only a Graph is reordered, got {type(graph).__name__}")
+    graph = as_stored(graph, degrees=True)
     n = graph.n_vertices
     if order is None:
         from scipy.sparse import csgraph

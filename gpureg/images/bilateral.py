@@ -3,38 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack, cast
 
 import numpy.typing as npt
 
-from ..graphs.edges import Metric
+from ..checks import number
+from ..doors import door
 from ..noise.white import estimate_noise
 from ..weights import bilateral
-from .one_step import cell_sizes, cells_of, map_of, one_step
-from .plan import CENTRES, Centre
-from .raster import checked
+from .one_step import one_step
+from .options import FILTER, Filter, check_filter, map_of
+from .raster import Raster
+from .window import cell_sizes
 
 
+@door(options=FILTER)
 def denoise_bilateral(
     image: npt.ArrayLike,
     *,
     radius: float | None = None,
     sigma_space: float = 3.0,
     sigma_value: float | npt.ArrayLike | None = None,
-    lam: float | npt.ArrayLike = 2.0,
-    centre: Centre = "once",
-    metric: Metric = "chebyshev",
-    border: str = "clip",
-    constant: float = 0.0,
-    guide: npt.ArrayLike | None = None,
-    mask: npt.ArrayLike | None = None,
-    spacing: Sequence[float] | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    progress: bool = False,
-    memory: int | None = None,
+    **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
     """The bilateral filter: every pixel becomes the mean of those nearby whose values are alike.
 
@@ -49,7 +39,8 @@ def denoise_bilateral(
     sigma_value : float or array, optional
         sigma_X of w1, in the image's units, or one per pixel (then sigma_X(u) sigma_X(v) stands for its square);
         likewise. None takes 3 times the noise, and sqrt(C) times that for C channels.
-    lam, centre, metric, border, constant, mask, spacing, channel_axis, backend, dtype, progress, memory
+    lam, centre, metric, border, constant, mask, spacing, channel_axis
+    backend, dtype, memory, callback, progress
         As in :func:`denoise_nl_means`.
     guide : array, optional
         What the weights compare instead of `image`: the joint or cross bilateral filter.
@@ -66,6 +57,11 @@ def denoise_bilateral(
     BackendUnavailable
         A backend or device that is not there.
 
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
+
     Notes
     -----
     f(u) = (lam/2 f0(u) + sum_v w1(u, v) f0(v)) / (lam/2 + sum_v w1(u, v)), eq. 25 at p = 2 with
@@ -78,38 +74,23 @@ def denoise_bilateral(
     >>> gr.denoise_bilateral(step, sigma_value=0.1, backend="numpy")[0].round(3)
     array([0., 0., 0., 0., 1., 1., 1., 1.])
     """
-    array = checked(image, channel_axis, mask)
-    shape = cells_of(array, channel_axis)
-    if centre not in CENTRES:
-        raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
-    bilateral(sigma_space, 1.0)
+    asked = cast("Filter", FILTER | options)
+    raster = Raster.of(image, asked["channel_axis"], asked["mask"])
+    check_filter(asked, raster.shape)
+    number("sigma_space", sigma_space, above=0, finite=False)
     if radius is None:
-        finest, coarsest = cell_sizes(spacing)
+        finest, coarsest = cell_sizes(asked["spacing"])
         radius = max(2 * sigma_space if math.isfinite(sigma_space) else 7 * finest, coarsest)
+    number("radius", radius, finite=False)
     if sigma_value is None:
-        channels = array.size // max(1, math.prod(shape))
-        sigma_value = 3 * estimate_noise(array, channel_axis=channel_axis, mask=mask) * math.sqrt(channels)
+        noise = estimate_noise(raster.values, channel_axis=raster.channel_axis, mask=raster.inside)
+        sigma_value = 3 * noise * math.sqrt(raster.channels)
         if sigma_value == 0:
-            return array.copy()  # no noise was found
-    maps = {
-        "sigma_value": map_of("sigma_value", sigma_value, shape),
-        "lam": 0.0 if centre == "none" else map_of("lam", lam, shape),
-    }
+            return raster.values.copy()  # no noise was found
     return one_step(
-        array,
+        raster,
         lambda maps: bilateral(sigma_space, maps["sigma_value"]),
-        maps,
-        reach=0,
+        {"sigma_value": map_of("sigma_value", sigma_value, raster.shape, above=0, finite=False)},
+        asked,
         radius=radius,
-        centre=centre,
-        average_patches=False,
-        averaged=0,
-        metric=metric,
-        border=border,
-        constant=constant,
-        guide=guide,
-        mask=mask,
-        spacing=spacing,
-        channel_axis=channel_axis,
-        run={"backend": backend, "dtype": dtype, "progress": progress, "memory": memory},
     )

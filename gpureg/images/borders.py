@@ -20,22 +20,8 @@ _MODES: dict[Border, Any] = {
 }
 
 
-def expect_border(border: str) -> Border:
-    """The border's name, checked.
-
-    Raises
-    ------
-    ValueError
-        Another name.
-    """
-    for name in BORDERS:
-        if border == name:
-            return name
-    raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}")
-
-
 def padded(array: npt.NDArray[Any], widths: Sequence[int], border: Border, constant: float = 0.0) -> npt.NDArray[Any]:
-    """An array with made-up cells around its leading axes, so many on either side of each.
+    """Pad an array by made-up cells around its leading axes, so many on either side of each.
 
     "reflect" mirrors without repeating the edge cell, "symmetric" with it, "nearest" repeats it, "wrap" goes on at the
     other end.

@@ -2,52 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack, cast
 
+import numpy as np
 import numpy.typing as npt
 
-from ..graphs.edges import Metric
-from ..model.problem import Norm
-from ..solvers import Solver
-from ..solvers.loop import Callback
-from ..tuning.fidelity import LamMethod
-from ..weights import Weights
+from ..doors import door
 from .choose import plan_denoising
+from .options import CHOICE, DENOISE, RUN_PLAN, Choice, Denoise, RunPlan
+from .raster import Raster
 from .run import run_plan, without_averaging
 
-# What of the model a search for lam does not know, as it is by default.
-_USUAL: dict[str, Any] = {"gamma": "sqrt", "coupled": True, "update_weights": None}
+# What of the model a search for lam does not know.
+_UNSEEN = ("gamma", "coupled", "update_weights")
 
 
-def denoise_image(
-    image: npt.ArrayLike,
-    *,
-    sigma: float | npt.ArrayLike | None = None,
-    p: float | None = None,
-    lam: float | npt.ArrayLike | LamMethod | None = None,
-    radius: float | None = None,
-    metric: Metric | None = None,
-    weights: Weights | npt.ArrayLike | None = None,
-    guide: npt.ArrayLike | None = None,
-    nearest: int | None = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    norm: Norm = "vertex",
-    coupled: bool = True,
-    solver: str | Solver = "jacobi",
-    max_iter: int | None = None,
-    tol: float | None = None,
-    eps: float | None = None,
-    update_weights: int | None = None,
-    mask: npt.ArrayLike | None = None,
-    spacing: Sequence[float] | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-    memory: int | None = None,
-) -> npt.NDArray[Any]:
+@door(options=DENOISE)
+def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[Any]:
     """Denoise an image or a volume; with no parameter at all, the noise is estimated and the rest follows from it.
 
     Parameters
@@ -67,22 +38,38 @@ def denoise_image(
         2 in a volume, or the nearest neighbours for constant weights.
     metric : {"chebyshev", "euclidean", "cityblock"}, optional
         Shape of the window: square, disk or diamond.
-    weights : Weights or array, optional
-        An object of :mod:`gpureg.weights`, or one value per directed edge of the grid.
+    weights : Weights, array or {"constant", "bilateral", "patch"}, optional
+        An object of :mod:`gpureg.weights`, one value per directed edge of the grid, or a kind of weights, made of the
+        noise and of what the next five say. None takes nonlocal weights by rule at p = 2, constant ones otherwise.
+    patch_radius : int, optional
+        Of weights="patch", or of the patches of the rule: radius >= 0 of a patch in pixels. None takes 2, or the
+        rule's.
+    patch_sigma : float, optional
+        Of weights="patch": standard deviation > 0, in pixels, of a Gaussian patch; None is a flat one.
+    h : float, optional
+        Of weights="patch": filtering parameter > 0, as in :func:`gpureg.weights.patch`. None takes 0.6 of the noise
+        times the square root of the samples in a patch.
+    sigma_space : float, optional
+        Of weights="bilateral": reach > 0 in the units of `spacing`; None takes 3 of the smallest cells.
+    sigma_value : float, optional
+        Of weights="bilateral": reach > 0 in the image's units; None takes 3 of the noise.
     guide : array, optional
         What the weights compare instead of `image`, e.g. a cleaner picture of the same scene: on the same pixels, with
         channels of its own along `channel_axis` (by default the last axis) or without.
-    nearest : int, optional
-        Keep only the edges to so many nearest patches of each pixel's window (:func:`gpureg.patch_graph`): what makes
-        nonlocal iterations with p other than 2 affordable. `weights` must be patch weights.
-    gamma, norm, coupled, update_weights
+    k : int, optional
+        Leave of the edges of each pixel's window only those to the k nearest patches (:func:`gpureg.patch_graph`):
+        what makes nonlocal iterations with p other than 2 affordable. `weights` must be patch weights.
+    centre : {"once", "largest", "none"}, optional
+        In one sweep at p = 2: whether lam = 2 counts the pixel itself with weight 1, with the largest weight of its
+        neighbours, or not at all. None is "once".
+    average_patches : bool or "weighted", optional
+        In one sweep at p = 2 of patch weights: whether patches are estimated as a whole, and a pixel is the mean over
+        all patches that cover it; "weighted" counts a patch by the sum of the weights it found. None takes "weighted"
+        in a picture whose weights are chosen by rule, and where nothing else asked for forbids it.
+    gamma, coupled, update_weights
         As in :func:`gpureg.regularize`.
-    solver : str or Solver, default "jacobi"
     max_iter : int, optional
-    tol : float, optional
-        As in :func:`gpureg.regularize`.
-    eps : float, optional
-        Smoothing of the gradient norm; None takes 1e-3 of the image's range, 0 for p = 2.
+        Iterations at most, >= 0; None takes 1 for a filter, 3 for other weights at p = 2, 200 otherwise, 4 with `k`.
     mask : bool array, optional
         True where a pixel takes part. The others come back as they are, NaN included; patches over them see the nearest
         pixel that takes part.
@@ -90,13 +77,9 @@ def denoise_image(
         Size of a pixel along each axis; None means 1. `radius` and the spatial part of weights are in its units.
     channel_axis : int, optional
         The axis of the channels, regularized together; None for a grey image.
-    backend : str, default "auto"
-    dtype : dtype, optional
-        Type to compute in; None takes float32, or float64 for integers of more than 16 bits.
-    callback : callable, optional
-    progress : bool, default False
-    memory : int, optional
-        As in :func:`gpureg.regularize`.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`. eps = None takes 1e-3 of the image's range, 0 for p = 2; dtype = None takes
+        float32, or float64 for integers of more than 16 bits.
 
     Returns
     -------
@@ -109,6 +92,12 @@ def denoise_image(
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
+
+    Warns
+    -----
+    UserWarning
+        Without `channel_axis`: an array of three axes or more whose last one has 3 or 4 pixels, and the two before it
+        at least 8 times as many each. It is taken for a volume, and was perhaps meant as a picture in colour.
 
     Notes
     -----
@@ -124,46 +113,20 @@ def denoise_image(
     >>> bool(np.std(denoised - clean) < 0.3 * np.std(noisy - clean))
     True
     """
-    model = {"gamma": gamma, "norm": norm, "coupled": coupled, "update_weights": update_weights}
-    if isinstance(lam, str) and any(model[name] != usual for name, usual in _USUAL.items()):
+    asked: dict[str, Any] = DENOISE | options
+    raster = Raster.of(image, asked["channel_axis"], asked["mask"])
+    if isinstance(asked["lam"], str) and any(not _is_usual(name, asked[name]) for name in _UNSEEN):
         raise ValueError(
-            f"the search lam={lam!r} looks at the model with {', '.join(_USUAL)} as they are by default: "
+            f"the search lam={asked['lam']!r} looks at the model with {', '.join(_UNSEEN)} as they are by default: "
             "give lam a number"
         )
-    plan = plan_denoising(
-        image,
-        sigma=sigma,
-        p=p,
-        lam=lam,
-        radius=radius,
-        metric=metric,
-        weights=weights,
-        guide=guide,
-        nearest=nearest,
-        norm=norm,
-        solver=solver,
-        max_iter=max_iter,
-        tol=tol,
-        eps=eps,
-        mask=mask,
-        spacing=spacing,
-        channel_axis=channel_axis,
-        backend=backend,
-        dtype=dtype,
-        memory=memory,
-    )
-    plan = without_averaging(plan, solver=solver, callback=callback, model=model)
-    return run_plan(
-        plan,
-        image,
-        guide=guide,
-        solver=solver,
-        mask=mask,
-        channel_axis=channel_axis,
-        backend=backend,
-        dtype=dtype,
-        callback=callback,
-        progress=progress,
-        memory=memory,
-        **model,
-    ).value
+    plan = plan_denoising(raster, **cast("Choice", {name: asked[name] for name in CHOICE}))
+    run = {name: asked[name] for name in RUN_PLAN}
+    if asked["average_patches"] is None:
+        plan = without_averaging(plan, run)
+    return run_plan(plan, raster, **cast("RunPlan", run)).value
+
+
+def _is_usual(name: str, value: Any) -> bool:
+    """Whether an option is as it is by default; an array never is."""
+    return value is None or (isinstance(value, str | bool | np.bool_) and value == DENOISE[name])

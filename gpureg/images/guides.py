@@ -1,4 +1,4 @@
-"""Images as functions on a grid and back: checked, with made-up values under a mask, guides, contrast."""
+"""What weights compare in an image: values made up under a mask, guides; and the contrast."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..arrays import unmasked
 from ..graphs.grid import GridGraph
 from ..weights import Patch, Smoothed, Weights, guided, patch_weights
+from .raster import Raster
 
 # Pixels that are filtered at a time.
 _BAND = 1 << 22
@@ -62,14 +63,14 @@ def guided_by(
     return guided(weights, values.reshape(grid.n_vertices, -1))
 
 
-def contrast(array: npt.NDArray[Any], channel_axis: int | None, mask: npt.ArrayLike | None) -> float:
+def contrast(raster: Raster) -> float:
     """Range of the image without its noise: of a Gaussian-smoothed copy, over all channels."""
     from scipy import ndimage
 
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    kind: Any = np.float64 if array.dtype.itemsize > 4 else np.float32
-    if mask is not None:
-        cells = filled(cells.astype(kind), np.asarray(mask))
+    cells = raster.cells
+    kind: Any = np.float64 if cells.dtype.itemsize > 4 else np.float32
+    if raster.inside is not None:
+        cells = filled(cells.astype(kind), raster.inside)
     # Bands of rows with the filter's reach around them: the same values in little memory.
     spread, reach = 2.0, 8
     band = max(1, _BAND // max(1, cells[0].size))

@@ -4,45 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graphs.edges import Metric
+from ..checks import choice, integer, number
+from ..doors import door
+from ..graphs.edges import METRICS, Metric
 from ..graphs.grid import GridGraph
-from ..model.problem import Norm, default_eps
+from ..model.problem import NORMS, default_eps
 from ..model.result import Interrupted
 from ..regularization.harmonic import harmonic
+from ..regularization.options import MODEL, Model
 from ..regularization.regularize import regularize
-from ..solvers import Solver
+from ..solvers import resolve
 from ..weights import Bilateral, Constant, Patch, Weights
 from .guides import filled
-from .raster import checked
+from .options import check_run
+from .raster import Raster
+from .window import window_of
 
 Mask = npt.NDArray[np.bool_]
 
+_OPTIONS: dict[str, Any] = MODEL | {"tol": 1e-5}
 
+
+@door(options=_OPTIONS)
 def inpaint_image(
     image: npt.ArrayLike,
-    mask: npt.ArrayLike,
+    missing: npt.ArrayLike,
     *,
     p: float = 2.0,
     radius: float | None = None,
     metric: Metric | None = None,
     weights: Weights | npt.ArrayLike | None = None,
-    norm: Norm = "vertex",
     update_weights: int | None = None,
-    solver: str | Solver = "jacobi",
     max_iter: int = 2000,
-    tol: float | None = 1e-5,
-    eps: float | None = None,
     spacing: Sequence[float] | None = None,
     channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    progress: bool = False,
+    **options: Unpack[Model],
 ) -> npt.NDArray[Any]:
     """Fill in missing pixels of an image or a volume from those around them.
 
@@ -50,7 +52,7 @@ def inpaint_image(
     ----------
     image : array
         Two or more axes, besides the channels. Values are used as they come, never rescaled.
-    mask : bool array
+    missing : bool array
         True where a pixel is missing, in the shape of the image without its channels. What stands there is ignored, NaN
         included.
     p : float, default 2
@@ -64,24 +66,17 @@ def inpaint_image(
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights`, or one value per directed edge of the grid; None: 1. Weights that compare
         values do so in a first fill, the harmonic one.
-    norm : {"vertex", "edge"}, default "vertex"
-        As in :func:`gpureg.regularize`.
     update_weights : int, optional
         Compute the weights anew every so many iterations, from what is filled in by then.
-    solver : str or Solver, default "jacobi"
     max_iter : int, default 2000
-    tol : float, optional
-    eps : float, optional
-        As in :func:`gpureg.regularize`; the range is that of the known pixels.
+        Iterations at most.
     spacing : tuple of float, optional
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
         The axis of the channels, regularized together; None for a grey image.
-    backend : str, default "auto"
-    dtype : dtype, optional
-        Type to compute in; None takes float32, or float64 for integers of more than 16 bits.
-    progress : bool, default False
-        As in :func:`gpureg.regularize`.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`; the range is that of the known pixels, and `tol` is 1e-5 by default. dtype =
+        None takes float32, or float64 for integers of more than 16 bits.
 
     Returns
     -------
@@ -92,10 +87,15 @@ def inpaint_image(
     Raises
     ------
     ValueError, TypeError
-        No known pixel, a mask that is not boolean or not in the image's shape, known values that are not real and
+        No known pixel, a `missing` that is not boolean or not in the image's shape, known values that are not real and
         finite, or an argument out of its range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
 
     Notes
     -----
@@ -113,39 +113,33 @@ def inpaint_image(
     >>> gr.inpaint_image(torn, np.isnan(torn), backend="numpy")[2].round(3)
     array([2., 3., 4., 5., 6., 7., 8., 9.])
     """
-    missing = np.asarray(mask)
-    array = checked(image, channel_axis, ~missing if missing.dtype == np.bool_ else missing)
-    if missing.all():
-        raise ValueError("every pixel is missing: mask is True where a pixel is missing, one at least must be False")
-    if not missing.any():
-        return array.copy()
-    is_long = array.dtype.kind in "iu" and array.dtype.itemsize > 2
-    kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if is_long else np.float32)
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    known_values = cells[~missing].astype(np.float64)
+    asked: dict[str, Any] = _OPTIONS | options
+    holes = np.asarray(missing)
+    raster = _known(image, channel_axis, holes)
+    _check(asked, p=p, radius=radius, metric=metric, update_weights=update_weights, max_iter=max_iter)
+    if holes.all():
+        raise ValueError("every pixel is missing: missing is True where one is, one at least must be False")
+    if not holes.any():
+        return raster.values.copy()
+    kind = raster.computed_type(asked.pop("dtype"))
+    cells = raster.cells
+    known_values = cells[~holes].astype(np.float64)
     data_range = float(known_values.max()) - float(known_values.min())
+    eps, tol = asked.pop("eps"), asked.pop("tol")
     if eps is None:
         eps = default_eps(known_values, p)
     constant = weights is None or isinstance(weights, Constant)
     plain = constant and radius is None
-    if metric is None:
-        metric = "cityblock" if plain else "chebyshev"
-    # A wrong spacing is refused here, also where the nearest neighbours do not ask for it.
-    widest = 1.0 if spacing is None or np.ndim(spacing) != 1 else max(spacing, default=1.0)
-    sizes = GridGraph(missing.shape, widest, spacing=spacing).spacing or (1.0,)
-    finest, coarsest = (1.0, 1.0) if plain else (min(sizes), max(sizes))
-    if radius is None:
-        radius = 1.0 if plain else max((10.0 if missing.ndim == 2 else 2.0) * finest, coarsest)
-    # The nearest neighbours, however far apart: constant weights do not look at distances.
-    steps = None if plain else spacing
-    grid = GridGraph(missing.shape, radius, metric, spacing=steps)
+    around, _ = window_of(holes.shape, radius=radius, metric=metric, spacing=spacing, local=constant)
+    reach, metric, steps = around.radius, around.metric, around.spacing
+    grid = GridGraph(holes.shape, reach, metric, spacing=steps)
 
-    window = _window(missing, grid, weights, p)
-    part, hole = cells[window], missing[window]
+    window = _window(holes, grid, weights, p)
+    part, hole = cells[window], holes[window]
     known = ~hole
     f0: FloatArray = filled(part.astype(np.float64), known).reshape(-1, part.shape[-1])
-    small = GridGraph(hole.shape, radius, metric, spacing=steps)
-    computed: dict[str, Any] = {"backend": backend, "dtype": kind}
+    small = GridGraph(hole.shape, reach, metric, spacing=steps)
+    computed: dict[str, Any] = {"backend": asked["backend"], "dtype": kind}
     first = small if plain else GridGraph(hole.shape, 1, "cityblock")
     f0, _ = harmonic(f0, first, known.ravel(), **computed)
     # From the nearest pixels, a hole 16, 32, 64 pixels wide of the camera picture takes 160, 840, 2320 sweeps to 0.1 %
@@ -153,7 +147,6 @@ def inpaint_image(
     # 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in all, from the weighted one.
     start = f0 if plain else harmonic(f0, small, known.ravel(), weights=weights, **computed)[0]
     found = data_range / (float(f0.max()) - float(f0.min()) or 1.0)
-    settings: dict[str, Any] = {} if update_weights is None else {"update_weights": update_weights}
     try:
         value = regularize(
             f0,
@@ -161,21 +154,63 @@ def inpaint_image(
             p=p,
             lam=np.where(known, np.inf, 0.0).ravel(),
             weights=weights,
-            norm=norm,
             eps=eps,
-            solver=solver,
             max_iter=max_iter,
             # a share of the whole image's range
             tol=None if tol is None else tol * found,
+            update_weights=update_weights,
             initial=start,
-            progress=progress,
-            **computed,
-            **settings,
+            dtype=kind,
+            **asked,
         ).value
     except Interrupted as interruption:
-        whole = _painted(array, cells, interruption.result.value, window, hole, channel_axis)
+        whole = _painted(raster, interruption.result.value, window, hole)
         raise Interrupted(replace(interruption.result, value=whole)) from None
-    return _painted(array, cells, value, window, hole, channel_axis)
+    return _painted(raster, value, window, hole)
+
+
+def _known(image: npt.ArrayLike, channel_axis: int | None, missing: npt.NDArray[Any]) -> Raster:
+    """The image, its mask that of the known pixels.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :meth:`Raster.of`, and a `missing` that is not boolean or not in the shape of the pixels.
+    """
+    if missing.dtype != np.bool_:
+        raise ValueError(f"missing must be boolean, True where a pixel is missing, got {missing.dtype}")
+    shape = list(np.shape(image))
+    if channel_axis is not None:
+        del shape[integer("channel_axis", channel_axis, low=-len(shape), high=len(shape) - 1)]
+    if missing.shape != tuple(shape):
+        raise ValueError(f"missing must have the shape of the image's pixels, {tuple(shape)}, got {missing.shape}")
+    return Raster.of(image, channel_axis, ~missing)
+
+
+def _check(
+    asked: dict[str, Any],
+    *,
+    p: float,
+    radius: float | None,
+    metric: Metric | None,
+    update_weights: int | None,
+    max_iter: int,
+) -> None:
+    """Refuse what is wrong whatever the image holds."""
+    check_run(asked)  # type: ignore[arg-type]
+    choice("norm", asked["norm"], NORMS)
+    resolve(asked["solver"])
+    number("p", p, above=0)
+    for name in ("tol", "eps"):
+        if asked[name] is not None:
+            number(name, asked[name], low=0)
+    if radius is not None:
+        number("radius", radius, finite=False)
+    if metric is not None:
+        choice("metric", metric, METRICS)
+    if update_weights is not None:
+        integer("update_weights", update_weights, low=1)
+    integer("max_iter", max_iter, low=0)
 
 
 def _window(missing: Mask, grid: GridGraph, weights: Weights | npt.ArrayLike | None, p: float) -> tuple[slice, ...]:
@@ -188,7 +223,7 @@ def _window(missing: Mask, grid: GridGraph, weights: Weights | npt.ArrayLike | N
     if not local:
         return (slice(None),) * missing.ndim
     reach = np.abs(grid.offsets).max(axis=0, initial=0) * (1 if p == 2 else 2)
-    reach = reach + (weights.radius if isinstance(weights, Patch) else 0)
+    reach = reach + (weights.patch_radius if isinstance(weights, Patch) else 0)
     box = []
     for axis in range(missing.ndim):
         places = np.flatnonzero(missing.any(axis=tuple(a for a in range(missing.ndim) if a != axis)))
@@ -197,20 +232,13 @@ def _window(missing: Mask, grid: GridGraph, weights: Weights | npt.ArrayLike | N
     return tuple(box)
 
 
-def _painted(
-    array: npt.NDArray[Any],
-    cells: npt.NDArray[Any],
-    value: FloatArray,
-    window: tuple[slice, ...],
-    hole: Mask,
-    channel_axis: int | None,
-) -> npt.NDArray[Any]:
+def _painted(raster: Raster, value: FloatArray, window: tuple[slice, ...], hole: Mask) -> npt.NDArray[Any]:
     """A copy of the image with the missing pixels of the window painted in."""
-    paint = value.reshape(*hole.shape, -1)[hole]
-    if array.dtype.kind in "iu":
-        limits = np.iinfo(array.dtype)
+    paint, kind = value.reshape(*hole.shape, -1)[hole], raster.values.dtype
+    if kind.kind in "iu":
+        limits = np.iinfo(kind)
         paint = np.clip(np.rint(paint), limits.min, limits.max)
-    whole = cells.copy()
-    whole[window][hole] = paint.astype(array.dtype)
-    image = whole[..., 0] if channel_axis is None else np.moveaxis(whole, -1, channel_axis)
+    whole = raster.cells.copy()
+    whole[window][hole] = paint.astype(kind)
+    image = whole[..., 0] if raster.channel_axis is None else np.moveaxis(whole, -1, raster.channel_axis)
     return np.ascontiguousarray(image)

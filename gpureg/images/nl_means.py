@@ -3,44 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from ..graphs.edges import Metric
+from ..checks import integer, number
+from ..doors import door
 from ..noise.white import estimate_noise
 from ..weights import patch
-from .one_step import cell_sizes, cells_of, map_of, one_step
-from .plan import CENTRES, AveragePatches, Centre
-from .raster import checked
+from .one_step import one_step
+from .options import FILTER, Filter, check_averaging, check_filter, map_of
+from .plan import AveragePatches
+from .raster import Raster
+from .window import cell_sizes
 
 
+@door(options=FILTER)
 def denoise_nl_means(
     image: npt.ArrayLike,
     *,
     patch_radius: int = 2,
     radius: float | None = None,
     h: float | npt.ArrayLike | None = None,
-    a: float | None = None,
+    patch_sigma: float | None = None,
     sigma: float | npt.ArrayLike = 0.0,
-    lam: float | npt.ArrayLike = 2.0,
-    centre: Centre = "once",
     average_patches: AveragePatches = False,
     average_radius: int | None = None,
     cut: float = 0.0,
-    metric: Metric = "chebyshev",
-    border: str = "clip",
-    constant: float = 0.0,
-    guide: npt.ArrayLike | None = None,
-    mask: npt.ArrayLike | None = None,
-    spacing: Sequence[float] | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    progress: bool = False,
-    memory: int | None = None,
+    **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
     """Nonlocal means: every pixel becomes the mean of those of its window whose surroundings look alike.
 
@@ -56,8 +47,8 @@ def denoise_nl_means(
         Filtering parameter > 0, or one per pixel (then h(u) h(v) stands for h^2): in the image's units times the square
         root of the sum of g and of the number of channels. None takes 0.6 of the noise times that root; where
         `sigma` is 0, the noise is estimated, and its share taken off the distances as if it had been given.
-    a : float, optional
-        Standard deviation, in pixels, of a Gaussian patch g_a that sums to 1. None: the flat patch, g = 1.
+    patch_sigma : float, optional
+        Standard deviation a > 0, in pixels, of a Gaussian patch g_a that sums to 1. None: the flat patch, g = 1.
     sigma : float or array, default 0
         Standard deviation of the noise, or one per pixel: its share 2 sigma^2 is taken off each squared difference.
     lam : float or array, default 2
@@ -87,8 +78,8 @@ def denoise_nl_means(
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
         Axis of the channels, which are compared and averaged together.
-    backend, dtype, progress, memory
-        As in :func:`gpureg.denoise_image`.
+    backend, dtype, memory, callback, progress
+        As in :func:`gpureg.denoise_image`. With a callback the weights are stored, so that there is an energy to tell.
 
     Returns
     -------
@@ -101,6 +92,11 @@ def denoise_nl_means(
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable
         A backend or device that is not there.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
 
     Notes
     -----
@@ -118,47 +114,37 @@ def denoise_nl_means(
     >>> bool(np.std(denoised - clean) < 0.4 * np.std(noisy - clean))
     True
     """
-    array = checked(image, channel_axis, mask)
-    shape = cells_of(array, channel_axis)
-    if centre not in CENTRES:
-        raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
-    if not (isinstance(average_patches, bool | np.bool_) or average_patches == "weighted"):
-        raise ValueError(f"average_patches must be True, False or 'weighted', got {average_patches!r}")
-    averaged = patch_radius if average_radius is None else average_radius
-    patch(averaged, 1.0)  # a radius as a patch's is
+    asked = cast("Filter", FILTER | options)
+    raster = Raster.of(image, asked["channel_axis"], asked["mask"])
+    check_filter(asked, raster.shape)
+    check_averaging(average_patches)
+    patch_radius = integer("patch_radius", patch_radius, low=0)
+    averaged = patch_radius if average_radius is None else integer("average_radius", average_radius, low=0)
     if radius is None:
-        finest, coarsest = cell_sizes(spacing)
-        radius = max((7 if len(shape) == 2 else 2) * finest, coarsest)
+        finest, coarsest = cell_sizes(asked["spacing"])
+        radius = max((7 if raster.ndim == 2 else 2) * finest, coarsest)
+    number("radius", radius, finite=False)
     # The weight function's own checks come first; a map is checked on its own shape.
-    sigmas = map_of("sigma", sigma, shape)
-    patch(patch_radius, 1.0, sigma=sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas), a=a, cut=cut)
+    sigmas = map_of("sigma", sigma, raster.shape, low=0)
+    by_row = sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas)
+    patch(patch_radius, 1.0, sigma=by_row, patch_sigma=patch_sigma, cut=cut)
     if h is None:
         noise = float(np.sqrt(np.mean(np.square(sigmas))))
         if noise == 0:
-            noise = estimate_noise(array, channel_axis=channel_axis, mask=mask)
+            noise = estimate_noise(raster.values, channel_axis=raster.channel_axis, mask=raster.inside)
             sigmas = noise
-        channels = array.size // max(1, math.prod(shape))
-        samples = (2 * patch_radius + 1) ** len(shape) if a is None else 1
-        h = 0.6 * noise * math.sqrt(samples * channels)
+        samples = (2 * patch_radius + 1) ** raster.ndim if patch_sigma is None else 1
+        h = 0.6 * noise * math.sqrt(samples * raster.channels)
         if h == 0:
-            return array.copy()  # no noise was found
-    bandwidths = map_of("h", h, shape)
-    maps = {"h": bandwidths, "sigma": sigmas, "lam": 0.0 if centre == "none" else map_of("lam", lam, shape)}
+            return raster.values.copy()  # no noise was found
+    bandwidths = map_of("h", h, raster.shape, above=0)
     return one_step(
-        array,
-        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], a=a, cut=cut),
-        maps,
-        reach=patch_radius,
+        raster,
+        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], patch_sigma=patch_sigma, cut=cut),
+        {"h": bandwidths, "sigma": sigmas},
+        asked,
         radius=radius,
-        centre=centre,
+        reach=patch_radius,
         average_patches=average_patches,
-        averaged=int(averaged),
-        metric=metric,
-        border=border,
-        constant=constant,
-        guide=guide,
-        mask=mask,
-        spacing=spacing,
-        channel_axis=channel_axis,
-        run={"backend": backend, "dtype": dtype, "progress": progress, "memory": memory},
+        averaged=averaged,
     )

@@ -20,14 +20,14 @@ class NonlocalRule(NamedTuple):
 
     Attributes
     ----------
-    weights : Weights
+    weights : Weights or array
     lam : float
         Twice the weight of a pixel itself.
     average_radius : int or None
         Radius of the patches whose estimates are averaged, each counted by its weights; None averages none.
     """
 
-    weights: Weights
+    weights: Weights | npt.ArrayLike
     lam: float
     average_radius: int | None
 
@@ -39,10 +39,24 @@ def nonlocal_rule(
     ndim: int,
     spacing: Sequence[float] | None = None,
     profile: npt.NDArray[np.float64] | None = None,
+    patch_radius: int | None = None,
 ) -> NonlocalRule:
-    """One step of nonlocal means for noise of this deviation on an image of contrast `spread`.
+    """Choose one step of nonlocal means for an image.
 
-    `spacing` is that of the grid; `profile`, (n,), is what each pixel has of the noise.
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the noise, in the image's units.
+    spread : float
+        Contrast of the image, in its units.
+    channels, ndim : int
+        Of the image; `ndim` is the number of axes of the grid.
+    spacing : sequence of float, one per axis, optional
+        That of the grid.
+    profile : (n,) float array, optional
+        What each pixel has of the noise; None means 1 everywhere.
+    patch_radius : int, optional
+        Radius of the patches; None takes what the Gaussian needs.
 
     Notes
     -----
@@ -71,12 +85,13 @@ def nonlocal_rule(
         share = math.sqrt((OPPONENT**2).sum())
     h = max(h, 0.34 if channels > 1 else 0.4) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur, spacing, ndim)
-    radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a))
+    radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a)) if patch_radius is None else patch_radius
     shape: float | None = a
     if channels > 1 and ndim == 2:
         # a flat patch of 3 x 3 tells as much in colour: its weights sum to 9
-        radius, shape, h = 1, None, 0.95 * 3 * h
+        radius = 1 if patch_radius is None else patch_radius
+        shape, h = None, 0.95 * (2 * radius + 1) * h
     sigma_space *= math.sqrt(2) * (1.0 if spacing is None else min(spacing))
     of_each = 1.0 if profile is None else profile
-    weights = patch(radius, h * of_each, sigma=left * of_each, a=shape, sigma_space=sigma_space)
+    weights = patch(radius, h * of_each, sigma=left * of_each, patch_sigma=shape, sigma_space=sigma_space)
     return NonlocalRule(smoothed(weights, blur, opponent=opponent), 2 * own, average_radius)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -13,35 +12,39 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend
+from ..checks import choice, integer, number
+from ..doors import door
 from ..graphs.csr import Graph
-from ..graphs.edges import Metric
+from ..graphs.edges import METRICS, Metric
 from ..graphs.grid import GridGraph
-from ..graphs.grid_parts import part_of
+from ..model.memory import budget
 from ..model.problem import as_function
+from ..progress import progress_bar
 from ..weights import Patch, Weights, patch, patch_weights
 from .guides import filled, guided_by
-from .raster import checked
+from .options import ON_PIXELS, OnPixels, check_run
+from .raster import Raster
 
 # Distances that are looked at together: a window around so many pixels.
 _TABLE = 1 << 24
+# Bytes that one of them takes: it and what it is computed from.
+_ENTRY = 16
 
 Symmetrize = Literal["max", "mutual"]
+SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mutual")
 
 
+@door(options=ON_PIXELS)
 def patch_graph(
     image: npt.ArrayLike,
     k: int,
     *,
     patch_radius: int = 2,
-    a: float | None = None,
+    patch_sigma: float | None = None,
     radius: float = 10,
     metric: Metric = "chebyshev",
     symmetrize: Symmetrize = "max",
-    guide: npt.ArrayLike | None = None,
-    mask: npt.ArrayLike | None = None,
-    spacing: Sequence[float] | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
+    **options: Unpack[OnPixels],
 ) -> Graph:
     """Join every pixel to the k pixels of its window whose patches are nearest to its own.
 
@@ -51,7 +54,7 @@ def patch_graph(
         Two or more axes, besides the channels.
     k : int
         Neighbours that each pixel chooses, at least 1; a window with fewer pixels gives all of them.
-    patch_radius, a
+    patch_radius, patch_sigma
         The patch, as in :func:`gpureg.weights.patch`.
     radius, metric, spacing, mask, channel_axis
         The window, as in :func:`gpureg.denoise_image`.
@@ -59,7 +62,8 @@ def patch_graph(
         An edge where either of two pixels chose the other, or where both did.
     guide : array, optional
         What the patches compare instead of `image`, e.g. a cleaner picture: of its shape, or with other channels.
-    backend : str, default "auto"
+    backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`. There are no iterations: a callback is never called.
 
     Returns
     -------
@@ -71,6 +75,11 @@ def patch_graph(
     ------
     TypeError, ValueError
         An argument out of its range, or values that are not real and finite.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
 
     Notes
     -----
@@ -86,18 +95,32 @@ def patch_graph(
     >>> bool(np.all(values[graph.edge_rows()] == values[graph.indices]))
     True
     """
-    array = checked(image, channel_axis, mask)
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    inside = None if mask is None else np.asarray(mask)
-    grid = GridGraph(cells.shape[:-1], radius, metric, spacing=spacing, mask=inside)
-    kind = np.dtype(np.float64 if array.dtype.kind == "f" and array.dtype.itemsize > 4 else np.float32)
-    f: npt.NDArray[Any] = cells.astype(kind)
-    if inside is not None and not inside.all():
-        f = filled(f, inside)
-    weights: Weights = patch(patch_radius, 1.0, a=a)
-    if guide is not None:
-        weights = guided_by(weights, guide, grid, channel_axis)
-    return nearest_patches(as_function(grid, f, "image"), grid, weights, k, symmetrize=symmetrize, backend=backend)
+    asked = cast("OnPixels", ON_PIXELS | options)
+    raster = Raster.of(image, asked["channel_axis"], asked["mask"])
+    check_run(asked)
+    integer("k", k, low=1)
+    number("radius", radius, finite=False)
+    choice("metric", metric, METRICS)
+    grid = GridGraph(raster.shape, radius, metric, spacing=asked["spacing"], mask=raster.inside)
+    values = raster.values
+    kind = np.dtype(np.float64 if values.dtype.kind == "f" and values.dtype.itemsize > 4 else np.float32)
+    f: npt.NDArray[Any] = raster.cells.astype(kind)
+    if raster.inside is not None and not raster.whole:
+        f = filled(f, raster.inside)
+    weights: Weights = patch(patch_radius, 1.0, patch_sigma=patch_sigma)
+    if asked["guide"] is not None:
+        weights = guided_by(weights, asked["guide"], grid, asked["channel_axis"])
+    return nearest_patches(
+        as_function(grid, f, "image"),
+        grid,
+        weights,
+        k,
+        symmetrize=symmetrize,
+        backend=asked["backend"],
+        dtype=asked["dtype"],
+        memory=asked["memory"],
+        progress=asked["progress"],
+    )
 
 
 def nearest_patches(
@@ -108,43 +131,52 @@ def nearest_patches(
     *,
     symmetrize: Symmetrize = "max",
     backend: str = "auto",
-    dtype: npt.DTypeLike = np.float32,
+    dtype: npt.DTypeLike | None = None,
+    memory: int | None = None,
+    progress: bool = False,
 ) -> Graph:
-    """:func:`patch_graph` of a function (n, m) on a grid, by the distances of patch weights.
+    """Join the vertices of a grid by the distances of patch weights, as :func:`patch_graph` does.
+
+    Parameters
+    ----------
+    f : (n, m) array
+        The function on the grid that the patches compare.
+    grid : GridGraph
+    weights : Weights
+        Of patches, with a guide or without.
+    k, symmetrize, backend, dtype, memory, progress
+        As in :func:`patch_graph`.
 
     Raises
     ------
     TypeError, ValueError
         `k` is no integer >= 1, weights that are not patches', an unknown `symmetrize`.
     """
-    if isinstance(k, bool) or not isinstance(k, int | np.integer):
-        raise TypeError(f"the number of nearest patches must be an integer, got {k!r}")
-    if k < 1:
-        raise ValueError(f"the number of nearest patches must be >= 1, got {k}")
-    if symmetrize not in ("max", "mutual"):
-        raise ValueError(
-            f"symmetrize must be 'max' (either chose the other) or 'mutual' (both did), got {symmetrize!r}"
-        )
+    k = integer("k", k, low=1)
+    choice("symmetrize", symmetrize, SYMMETRIZE)
     found = patch_weights(weights)
     function, guided = (None, None) if found is None else found
     if not isinstance(function, Patch):
         raise ValueError("nearest patches need patch weights: weights=gpureg.weights.patch(...)")
     compared = f if guided is None else guided.of(grid, f)
     # A patch's own profile, without what the noise or a map makes of its distances.
-    bare = patch(function.radius, 1.0, a=function.a)
-    device = backends.get(backend, dtype)
+    bare = patch(function.patch_radius, 1.0, patch_sigma=function.patch_sigma)
+    device = backends.get(backend, np.float32 if dtype is None else dtype)
+    bands = _bands(grid, min(_TABLE, budget(device, memory).total // _ENTRY))
     rows, columns = [], []
-    for first, last in _bands(grid):
-        u, v = _nearest(device, grid, compared.astype(device.dtype, copy=False), bare, int(k), first, last)
-        rows.append(u)
-        columns.append(v)
+    with progress_bar(progress, len(bands), "bands") as report:
+        for done, (first, last) in enumerate(bands, start=1):
+            u, v = _nearest(device, grid, compared.astype(device.dtype, copy=False), bare, k, first, last)
+            rows.append(u)
+            columns.append(v)
+            report(done)
     return _symmetric(grid, np.concatenate(rows), np.concatenate(columns), symmetrize)
 
 
-def _bands(grid: GridGraph) -> list[tuple[int, int]]:
-    """Ranges along the first axis, whose windows fit the table."""
+def _bands(grid: GridGraph, entries: int) -> list[tuple[int, int]]:
+    """Ranges along the first axis, whose windows hold at most so many distances."""
     per_row = math.prod(grid.shape[1:]) * max(1, len(grid.offsets))
-    step = max(1, _TABLE // per_row)
+    step = max(1, entries // per_row)
     return [(first, min(first + step, grid.shape[0])) for first in range(0, grid.shape[0], step)]
 
 
@@ -158,7 +190,7 @@ def _nearest(
     halo = reach + found[0].reach
     start, end = max(0, first - halo), min(grid.shape[0], last + halo)
     everything = tuple(slice(0, size) for size in grid.shape[1:])
-    part = part_of(grid, (slice(start, end), *everything))
+    part = grid.part((slice(start, end), *everything))
     values = f.reshape(*grid.shape, -1)[start:end].reshape(-1, f.shape[1])
     form = replace(found[0].form(part, f.shape[1], device.dtype), scale=None, shift=0.0)
     rho = device.get_weights(device.patch_distance(part, values, form))
@@ -167,21 +199,20 @@ def _nearest(
     own = slice(first - start, last - start)
     table = np.full((*part.shape, 2 * part.half_window), np.inf, rho.dtype)
     jumps = np.empty(2 * part.half_window, np.int64)
-    strides = np.array([math.prod(grid.shape[d + 1 :]) for d in range(grid.ndim)], np.int64)
     for h, step in enumerate(part.forward_offsets):
         u, v = part.ends(step)
         distance = rho[h][u]
         if part.mask is not None:
             distance = np.where(part.mask[u] & part.mask[v], distance, np.inf)
         table[..., 2 * h][u] = table[..., 2 * h + 1][v] = distance
-        jumps[2 * h], jumps[2 * h + 1] = step @ strides, -(step @ strides)
+        jumps[2 * h], jumps[2 * h + 1] = step @ grid.strides, -(step @ grid.strides)
     distances = table[own].reshape(-1, len(jumps))
     if k < len(jumps):
         chosen = np.argpartition(distances, k - 1, axis=1)[:, :k]
     else:
         chosen = np.broadcast_to(np.arange(len(jumps)), distances.shape)
     there = np.isfinite(np.take_along_axis(distances, chosen, axis=1))
-    vertices = np.arange(len(distances)) + first * strides[0]
+    vertices = np.arange(len(distances)) + first * grid.strides[0]
     neighbours = vertices[:, None] + jumps[chosen]
     return np.repeat(vertices, there.sum(axis=1)), neighbours[there]
 
@@ -195,6 +226,4 @@ def _symmetric(grid: GridGraph, u: IntArray, v: IntArray, symmetrize: Symmetrize
     joined = sparse.csr_array(joined)
     joined.eliminate_zeros()
     joined.sort_indices()
-    steps = np.array(grid.spacing or (1.0,) * grid.ndim)
-    positions = np.stack(np.unravel_index(np.arange(n), grid.shape), axis=-1) * steps
-    return Graph(joined.indptr, joined.indices, None, positions, grid)
+    return Graph(joined.indptr, joined.indices, None, grid.positions(), grid)

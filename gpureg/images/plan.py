@@ -46,8 +46,8 @@ class DenoisePlan:
         counts a patch by the sum of the weights it found.
     average_radius : int or None
         Radius of these patches; None for that of the weights' patches.
-    nearest : int or None
-        Edges kept of each pixel, those to the nearest patches; None for the whole window.
+    k : int or None
+        Edges of each pixel that stay, those to the nearest patches; None for the whole window.
     reasons : mapping of str to str
         Why a parameter is what it is, where it was not given; see :meth:`explain`.
     """
@@ -67,7 +67,7 @@ class DenoisePlan:
     centre: Centre = "once"
     average_patches: AveragePatches = False
     average_radius: int | None = None
-    nearest: int | None = None
+    k: int | None = None
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def compared(self) -> tuple[Any, str]:
@@ -94,11 +94,11 @@ class DenoisePlan:
                 else f"{window} ({self.metric})"
             )
         if isinstance(w, Patch):
-            shape = "flat" if w.a is None else f"Gaussian (a = {w.a:.3g})"
-            patches = "x".join([str(2 * w.radius + 1)] * len(self.window)) + f" {shape} patches"
+            shape = "flat" if w.patch_sigma is None else f"Gaussian (patch_sigma = {w.patch_sigma:.3g})"
+            patches = "x".join([str(2 * w.patch_radius + 1)] * len(self.window)) + f" {shape} patches"
             kind = f"nonlocal weights{seen}, {window}, {patches}, h = {w.h:.4g}"
             kind += ", averaged patches" if self.average_patches else ""
-            kind += f", {self.nearest} nearest" if self.nearest else ""
+            kind += f", {self.k} nearest" if self.k else ""
         elif isinstance(w, Bilateral):
             kind = f"bilateral weights, {window}, sigma_space = {w.sigma_space:.4g}"
             kind += f", sigma_value = {w.sigma_value:.4g}"
@@ -122,8 +122,9 @@ class DenoisePlan:
             return f"{table(rows)}\n{self.describe()}"
         rows["weights"] = type(w).__name__.lower(), self.reasons.get("weights", "given")
         if isinstance(w, Patch):
-            shape = "flat" if w.a is None else f"Gaussian, a = {w.a:.3g}"
-            rows["patch"] = f"{'x'.join([str(2 * w.radius + 1)] * ndim)}, {shape}", self.reasons.get("patch", "given")
+            shape = "flat" if w.patch_sigma is None else f"Gaussian, patch_sigma = {w.patch_sigma:.3g}"
+            sides = "x".join([str(2 * w.patch_radius + 1)] * ndim)
+            rows["patch"] = f"{sides}, {shape}", self.reasons.get("patch", "given")
             if seen:
                 rows["compared"] = seen.removeprefix(", "), self.reasons.get("patch", "given")
             rows["h"] = f"{w.h:.4g}", self.reasons.get("h", "given")
@@ -134,13 +135,13 @@ class DenoisePlan:
             )
         rows["window"] = f"{'x'.join(map(str, self.window))}, {self.metric}", self.reasons.get("window", "given")
         if self.average_patches:
-            radius = w.radius if self.average_radius is None else self.average_radius
+            radius = w.patch_radius if self.average_radius is None else self.average_radius
             kind = "by their weights" if self.average_patches == "weighted" else "plainly"
             sides = "x".join([str(2 * radius + 1)] * ndim)
             why = self.reasons.get("averaging", self.reasons.get("patch", "given"))
             rows["averaging"] = f"{sides} patches, {kind}", why
-        if self.nearest is not None:
-            rows["nearest"] = f"{self.nearest}", self.reasons.get("nearest", "given")
+        if self.k is not None:
+            rows["k"] = f"{self.k}", self.reasons.get("k", "given")
         rows["p"] = f"{self.p:g}", self.reasons.get("p", "given")
         rows["lam"] = f"{float(np.asarray(self.lam)):.4g}" if one else "a map", self.reasons.get("lam", "given")
         rows["iterations"] = f"at most {self.max_iter}", self.reasons.get("iterations", "given")

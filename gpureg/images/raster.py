@@ -1,65 +1,190 @@
-"""An image as a function on the cells of a grid, and back."""
+"""An image as a function on the cells of a grid, and back: :class:`Raster`."""
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import all_finite, unmasked
+from ..checks import integer
+
+# How many times as long as the last axis the two before it must be, for that to look like one of channels.
+FAR = 8
+
+_PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
-def checked(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> npt.NDArray[Any]:
-    """`image` as an array, after checking values, axes and mask."""
-    array = unmasked(image, "image")
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
-    if channel_axis is not None and (isinstance(channel_axis, bool) or not isinstance(channel_axis, int | np.integer)):
-        raise TypeError(f"channel_axis must be an integer, got {channel_axis!r}")
-    if channel_axis is not None and not -array.ndim <= channel_axis < array.ndim:
-        raise ValueError(f"channel_axis must lie in {-array.ndim}..{array.ndim - 1}, got {channel_axis}")
-    cells = np.moveaxis(array, channel_axis, -1) if channel_axis is not None else array[..., None]
-    if cells.ndim < 3:
-        raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
-    if not array.size:
-        raise ValueError(f"image is empty, shape {array.shape}")
-    if mask is not None:
-        inside = np.asarray(mask)
-        if inside.dtype != np.bool_ or inside.shape != cells.shape[:-1]:
-            raise ValueError(
-                f"mask must be boolean of shape {cells.shape[:-1]}, got {inside.dtype} of shape {inside.shape}"
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """An image, checked once where it comes in, as a function on the cells of a grid.
+
+    Attributes
+    ----------
+    values : array
+        The image as it was given: the axes of the grid, and one of the channels if there is one.
+    inside : bool array or None
+        True where a cell takes part, in the shape of the grid; None for everywhere.
+    channel_axis : int or None
+        The axis of the channels in `values`; None for a grey image.
+    """
+
+    values: npt.NDArray[Any]
+    inside: npt.NDArray[np.bool_] | None = None
+    channel_axis: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        image: npt.ArrayLike | Raster,
+        channel_axis: int | None = None,
+        mask: npt.ArrayLike | None = None,
+        *,
+        axes_known: bool = False,
+    ) -> Raster:
+        """Check an image, its axis of channels and its mask; a raster stays what it is.
+
+        Parameters
+        ----------
+        image : array or Raster
+            Two or more axes besides the channels; integers or real numbers, finite wherever the mask is True. A raster
+            has its own axis of channels and mask.
+        channel_axis : int, optional
+            The axis of the channels; None for a grey image.
+        mask : bool array, optional
+            True where a cell takes part, in the shape of the image without its channels.
+        axes_known : bool, default False
+            Whether the caller knows that the last axis holds no channels.
+
+        Raises
+        ------
+        TypeError, ValueError
+            What is wrong with the values, the axis or the mask.
+
+        Warns
+        -----
+        UserWarning
+            Without `channel_axis`: an array of three axes or more whose last one has 3 or 4 cells, and the two before
+            it at least 8 times as many each. It is taken for a volume, and was perhaps meant as a picture in colour.
+        """
+        if isinstance(image, Raster):
+            return image
+        array = unmasked(image, "image")
+        if array.dtype.kind not in "iuf":
+            raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
+        if channel_axis is not None:
+            channel_axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
+        raster = cls(array, None, channel_axis)
+        if raster.ndim < 2:
+            raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
+        if not array.size:
+            raise ValueError(f"image is empty, shape {array.shape}")
+        known = raster.cells
+        if mask is not None:
+            inside = np.asarray(mask)
+            if inside.dtype != np.bool_ or inside.shape != raster.shape:
+                raise ValueError(
+                    f"mask must be boolean of shape {raster.shape}, got {inside.dtype} of shape {inside.shape}"
+                )
+            raster, known = cls(array, inside, channel_axis), known[inside]
+        if not all_finite(known):
+            bad = known[~np.isfinite(known)]
+            raise ValueError(f"image must be finite, got {bad[0]} at {len(bad)} place(s); a mask can leave them out")
+        if channel_axis is None and not axes_known and _looks_coloured(array.shape):
+            warnings.warn(
+                f"the image of shape {array.shape} is taken for a volume: channel_axis=-1 makes its last axis one of "
+                "channels",
+                UserWarning,
+                stacklevel=_outside(),
             )
-        cells = cells[inside]
-    if not all_finite(cells):
-        bad = cells[~np.isfinite(cells)]
-        raise ValueError(f"image must be finite, got {bad[0]} at {len(bad)} place(s); a mask can leave them out")
-    return array
+        return raster
+
+    @property
+    def cells(self) -> npt.NDArray[Any]:
+        """The values with the channels last, (..., m), a view."""
+        if self.channel_axis is None:
+            return self.values[..., None]
+        return np.moveaxis(self.values, self.channel_axis, -1)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the grid: that of the image without its channels."""
+        return self.cells.shape[:-1]
+
+    @property
+    def ndim(self) -> int:
+        """The number of axes of the grid."""
+        return self.values.ndim - (self.channel_axis is not None)
+
+    @property
+    def channels(self) -> int:
+        """The number of channels, m."""
+        return 1 if self.channel_axis is None else self.values.shape[self.channel_axis]
+
+    @property
+    def whole(self) -> bool:
+        """Whether every cell takes part."""
+        return self.inside is None or bool(self.inside.all())
+
+    def pixels(self, dtype: npt.DTypeLike | None = None) -> npt.NDArray[np.floating[Any]]:
+        """The cells as floats, (..., m), in the type to compute in.
+
+        Parameters
+        ----------
+        dtype : dtype, optional
+            float32 or float64. None takes float32, or float64 for integers of more than 16 bits.
+        """
+        return self.cells.astype(self.computed_type(dtype), copy=False)
+
+    def computed_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any]:
+        """The type to compute in: what is asked for, or float32, or float64 for integers of more than 16 bits."""
+        wide = self.values.dtype.kind in "iu" and self.values.dtype.itemsize > 2
+        kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if wide else np.float32)
+        if kind.newbyteorder("=") not in (np.float32, np.float64):
+            raise ValueError(f"dtype must be float32 or float64, got {kind}")
+        return kind
+
+    def like(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """A function on the cells as an image like this one.
+
+        Parameters
+        ----------
+        value : (..., m) array
+            Where the image holds integers it is rounded and clipped.
+
+        Returns
+        -------
+        array
+            With the axes and the type of the image, and its own pixels outside the mask.
+        """
+        image = value[..., 0] if self.channel_axis is None else np.moveaxis(value, -1, self.channel_axis)
+        kind = self.values.dtype
+        if kind.kind in "iu" and image.dtype.kind == "f":
+            limits = np.iinfo(kind)
+            np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
+        image = np.ascontiguousarray(image).astype(kind, copy=False)
+        if self.inside is not None and not self.whole:
+            outside = ~self.inside
+            if self.channel_axis is not None:
+                outside = np.expand_dims(outside, self.channel_axis)
+            image = np.where(outside, self.values, image)
+        return image
 
 
-def pixels_of(
-    array: npt.NDArray[Any], channel_axis: int | None, dtype: npt.DTypeLike | None
-) -> npt.NDArray[np.floating[Any]]:
-    """An image as floats in the type to compute in, its channels last."""
-    wide = array.dtype.kind in "iu" and array.dtype.itemsize > 2
-    kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if wide else np.float32)
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    return cells.astype(np.result_type(kind, np.float32), copy=False)
+def _looks_coloured(shape: tuple[int, ...]) -> bool:
+    """Whether the last axis looks like one of channels."""
+    return len(shape) > 2 and shape[-1] in (3, 4) and min(shape[-3:-1]) >= FAR * shape[-1]
 
 
-def as_image(
-    value: npt.NDArray[Any],
-    array: npt.NDArray[Any],
-    channel_axis: int | None,
-    inside: npt.NDArray[np.bool_] | None,
-) -> npt.NDArray[Any]:
-    """A regularized function as an image like `array`: its axes, its dtype, and its own pixels outside the mask."""
-    image = value[..., 0] if channel_axis is None else np.moveaxis(value, -1, channel_axis)
-    if array.dtype.kind in "iu" and image.dtype.kind == "f":
-        limits = np.iinfo(array.dtype)
-        np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
-    image = np.ascontiguousarray(image).astype(array.dtype, copy=False)
-    if inside is not None and not inside.all():
-        outside = ~inside if channel_axis is None else np.expand_dims(~inside, channel_axis)
-        image = np.where(outside, array, image)
-    return image
+def _outside() -> int:
+    """The `stacklevel` of the first caller outside gpureg, for a warning in the function that calls this one."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    return level

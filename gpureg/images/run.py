@@ -6,25 +6,30 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
+from ..checks import choice, flag, integer
+from ..doors import door
 from ..graphs.grid import GridGraph
 from ..model.memory import budget
-from ..model.problem import as_function, default_eps
+from ..model.problem import NORMS, as_function, default_eps
 from ..model.result import Interrupted, Result, Stop
 from ..regularization.one_sweep import OneStep, one_sweep
 from ..regularization.regularize import regularize
 from ..solvers import Jacobi, Solver, resolve
-from ..solvers.loop import Callback
 from ..weights import patch_weights
 from .guides import filled, guided_by
+from .options import RUN_PLAN, RunPlan, check_run
 from .patch_graph import nearest_patches
 from .plan import DenoisePlan
-from .raster import as_image, checked, pixels_of
+from .raster import Raster
+
+# What of the options a sweep whose weights are not stored takes too.
+_RUN = ("backend", "dtype", "memory", "progress")
 
 
 def solve(
@@ -32,37 +37,35 @@ def solve(
     pixels: npt.NDArray[Any],
     inside: npt.NDArray[np.bool_] | None,
     *,
-    solver: str | Solver = "jacobi",
-    callback: Callback | None = None,
     guide: npt.ArrayLike | None = None,
     channel_axis: int | None = None,
-    model: Mapping[str, Any] | None = None,
-    **settings: Any,
+    **options: Any,
 ) -> Result:
     """Carry out a plan of one iteration or more on pixels (..., m).
 
-    `settings` are the backend, dtype, memory and progress of :func:`gpureg.regularize`, `model` what else it takes;
-    `channel_axis` is that of the guide. One sweep at p = 2 with weights that need not be stored takes the way that
-    stores none; patches are averaged after such a sweep alone.
+    `options` are what :func:`gpureg.regularize` takes besides what the plan says; `channel_axis` is that of the guide.
+    One sweep at p = 2 with weights that need not be stored takes the way that stores none; patches are averaged after
+    such a sweep alone.
     """
     grid = GridGraph(pixels.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     f0 = pixels if inside is None or inside.all() else filled(pixels, inside)
     eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
     weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
-    common: dict[str, Any] = {"lam": plan.lam, "eps": eps, "weights": weights, **settings}
-    process: dict[str, Any] = {"p": plan.p, "solver": solver, "max_iter": plan.max_iter, "tol": plan.tol}
-    process |= {"callback": callback, **(model or {})}
-    once = callback is None and _is_plain(model or {}) and _is_one_sweep(plan, solver)
-    if (plan.average_patches or plan.centre == "largest") and (plan.nearest is not None or not once):
+    options["solver"] = _process(plan, options.get("solver", "jacobi"))
+    run = {name: options.pop(name) for name in _RUN if name in options}
+    common: dict[str, Any] = {"lam": plan.lam, "eps": eps, "weights": weights, **run}
+    process: dict[str, Any] = {"p": plan.p, "max_iter": plan.max_iter, "tol": plan.tol, **options}
+    once = _fits(plan, options)
+    if (plan.average_patches or plan.centre == "largest") and not once:
         what = "patches are averaged" if plan.average_patches else "a centre as heavy as the largest weight counts"
         raise ValueError(
             f"{what} in one plain sweep at p = 2 on a grid alone, without a callback, tol, another norm, gamma or "
             "solver; dataclasses.replace(plan, average_patches=False, centre='once') leaves it out"
         )
-    if plan.nearest is not None:
+    if plan.k is not None:
         nodes = as_function(grid, f0, "image")
-        backend, dtype = settings.get("backend", "auto"), settings.get("dtype", np.float32)
-        graph = nearest_patches(nodes, grid, weights, plan.nearest, backend=backend, dtype=dtype)
+        found = {name: x for name, x in run.items() if name != "progress"}
+        graph = nearest_patches(nodes, grid, weights, plan.k, **found)
         result = regularize(nodes, graph, **common, **process)
         return replace(result, value=result.value.reshape(f0.shape))
     if once:
@@ -70,12 +73,30 @@ def solve(
     return regularize(f0, grid, **common, **process)
 
 
-def without_averaging(
-    plan: DenoisePlan, *, solver: str | Solver, callback: Callback | None, model: Mapping[str, Any]
-) -> DenoisePlan:
+def without_averaging(plan: DenoisePlan, options: Mapping[str, Any]) -> DenoisePlan:
     """The plan, its averaging of patches left out where what else is asked for does not go with it."""
-    fits = callback is None and _is_plain(model) and _is_one_sweep(plan, solver)
-    return plan if fits or not plan.average_patches else replace(plan, average_patches=False)
+    return plan if _fits(plan, options) or not plan.average_patches else replace(plan, average_patches=False)
+
+
+def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None:
+    """Refuse a plan that is not one sweep at p = 2 of bilateral or patch weights, where `what` belongs to such.
+
+    Raises
+    ------
+    ValueError
+    """
+    if plan.max_iter > 0 and not (plan.k is None and _is_one_sweep(plan, _process(plan, solver))):
+        raise ValueError(
+            f"{what} is about one sweep at p = 2 of bilateral or patch weights: leave out p, max_iter, tol, k, "
+            "solver and other weights"
+        )
+
+
+def _process(plan: DenoisePlan, solver: str | Solver) -> str | Solver:
+    """The solver; without the pixel itself a sweep is a plain mean, and no iteration that could swing."""
+    method = resolve(solver)
+    bare = plan.centre == "none" and isinstance(method, Jacobi) and method.damping is None
+    return replace(cast("Jacobi", method), damping=1) if bare else solver
 
 
 def _one_step(plan: DenoisePlan) -> OneStep:
@@ -87,11 +108,13 @@ def _one_step(plan: DenoisePlan) -> OneStep:
     return OneStep(plan.centre == "largest", averaged if plan.average_patches else None, by_weight)
 
 
-def _is_plain(model: Mapping[str, Any]) -> bool:
-    """Whether nothing of the model but what a plan says is other than by default (at p = 2 channels are alone)."""
-    gamma = model.get("gamma", "sqrt")
+def _fits(plan: DenoisePlan, options: Mapping[str, Any]) -> bool:
+    """Whether one sweep whose weights are not stored is all that is asked for (at p = 2 channels are alone)."""
+    gamma = options.get("gamma", "sqrt")
     by_name = isinstance(gamma, str) and gamma == "sqrt"
-    return by_name and model.get("norm", "vertex") == "vertex" and model.get("update_weights") is None
+    plain = by_name and options.get("norm", "vertex") == "vertex" and options.get("update_weights") is None
+    once = _is_one_sweep(plan, options.get("solver", "jacobi"))
+    return options.get("callback") is None and plain and plan.k is None and once
 
 
 def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
@@ -105,78 +128,80 @@ def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
     return once and whole and data and patch_weights(plan.weights) is not None
 
 
-def run_plan(
-    plan: DenoisePlan,
-    image: npt.ArrayLike,
-    *,
-    solver: str | Solver = "jacobi",
-    mask: npt.ArrayLike | None = None,
-    channel_axis: int | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-    memory: int | None = None,
-    guide: npt.ArrayLike | None = None,
-    **model: Any,
-) -> Result:
-    """Carry out a plan; the parameters are those of :func:`denoise_image`, `model` those of :func:`gpureg.regularize`.
+@door(options=RUN_PLAN)
+def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack[RunPlan]) -> Result:
+    """Carry out a plan on an image.
+
+    Parameters
+    ----------
+    plan : DenoisePlan
+        Of :func:`gpureg.plan_denoising`.
+    image : array
+    mask, channel_axis, guide
+        As in :func:`denoise_image`.
+    norm, gamma, coupled, update_weights, solver, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------
     Result
         Its value is the image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch weights
         computes these without storing them: it reports no energy, and an interruption leaves no iterate.
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`denoise_image`.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`denoise_image`.
     """
     begin = time.perf_counter()
-    array = checked(image, channel_axis, mask)
+    asked = cast("RunPlan", RUN_PLAN | options)
+    raster = Raster.of(image, asked["channel_axis"], asked["mask"])
+    if not isinstance(plan, DenoisePlan):
+        raise TypeError(f"plan must be a DenoisePlan, as gpureg.plan_denoising makes it, got {type(plan).__name__}")
+    check_run(asked)
+    choice("norm", asked["norm"], NORMS)
+    flag("coupled", asked["coupled"])
+    if asked["update_weights"] is not None:
+        integer("update_weights", asked["update_weights"], low=1)
     if plan.max_iter == 0:
-        # Not through the device, whose float32 would round a float64 image.
-        device = backends.get(backend, np.float32 if dtype is None else dtype)
-        budget(device, memory)  # a wrong limit is one here too
-        name = repr(device)
-        none = np.empty(0, np.int64)
-        return Result(
-            value=array.copy(),
-            iterations=0,
-            stop=Stop.MAX_ITER,
-            energy=np.empty(0),
-            checks=none,
-            gap=None,
-            error_bound=None,
-            eps=0.0,
-            method="Nothing was to be done.",
-            backend=name,
-            seconds=time.perf_counter() - begin,
-        )
-    pixels = pixels_of(array, channel_axis, dtype)
-    inside = None if mask is None else np.asarray(mask)
-    with _converted(array, channel_axis, inside):
-        result = solve(
-            plan,
-            pixels,
-            inside,
-            solver=solver,
-            callback=callback,
-            guide=guide,
-            channel_axis=channel_axis,
-            model=model,
-            backend=backend,
-            dtype=pixels.dtype,
-            memory=memory,
-            progress=progress,
-        )
-    value = as_image(result.value, array, channel_axis, inside)
-    return replace(result, value=value, seconds=time.perf_counter() - begin)
+        return _nothing_done(raster, asked, begin)
+    more: dict[str, Any] = {name: x for name, x in asked.items() if name not in ("mask", "channel_axis", "dtype")}
+    pixels = raster.pixels(asked["dtype"])
+    with _converted(raster):
+        result = solve(plan, pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": pixels.dtype})
+    return replace(result, value=raster.like(result.value), seconds=time.perf_counter() - begin)
+
+
+def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:
+    """The image as it is: not through the device, whose float32 would round a float64 image."""
+    resolve(asked["solver"])
+    device = backends.get(asked["backend"], np.float32 if asked["dtype"] is None else asked["dtype"])
+    budget(device, asked["memory"])  # a wrong limit is one here too
+    return Result(
+        value=raster.values.copy(),
+        iterations=0,
+        stop=Stop.MAX_ITER,
+        energy=np.empty(0),
+        checks=np.empty(0, np.int64),
+        gap=None,
+        error_bound=None,
+        eps=0.0,
+        method="Nothing was to be done.",
+        backend=repr(device),
+        seconds=time.perf_counter() - begin,
+    )
 
 
 @contextmanager
-def _converted(
-    array: npt.NDArray[Any], channel_axis: int | None, inside: npt.NDArray[np.bool_] | None
-) -> Iterator[None]:
+def _converted(raster: Raster) -> Iterator[None]:
     """Let the result of an interrupted run be an image too."""
     try:
         yield
     except Interrupted as interruption:
-        value = as_image(interruption.result.value, array, channel_axis, inside)
+        value = raster.like(interruption.result.value)
         raise Interrupted(replace(interruption.result, value=value)) from None

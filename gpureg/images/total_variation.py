@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack, cast
 
 import numpy.typing as npt
 
-from ..weights import Weights
+from ..doors import door
 from .denoise import denoise_image
+from .options import DENOISE, Denoise
 
 
-def denoise_tv(
-    image: npt.ArrayLike,
-    *,
-    lam: float | npt.ArrayLike | None = None,
-    sigma: float | None = None,
-    weights: Weights | npt.ArrayLike | None = None,
-    **settings: Any,
-) -> npt.NDArray[Any]:
+@door(options={name: default for name, default in DENOISE.items() if name != "p"})
+def denoise_tv(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[Any]:
     """Total variation on the pixels' graph: flat regions, sharp edges.
 
     Parameters
@@ -31,8 +26,8 @@ def denoise_tv(
         Standard deviation of the noise; None estimates it where `lam` is None.
     weights : Weights or array, optional
         As in :func:`gpureg.denoise_image`; None means 1 between the nearest neighbours, the paper's G_0.
-    **settings
-        All else that :func:`gpureg.denoise_image` takes, but `p`.
+    **options
+        All else that :func:`gpureg.denoise_image` takes, but `p`, which is 1 here.
 
     Returns
     -------
@@ -61,6 +56,4 @@ def denoise_tv(
     >>> bool(np.std(denoised - clean) < 0.5 * np.std(noisy - clean))
     True
     """
-    if "p" in settings:
-        raise TypeError("denoise_tv is denoise_image at p = 1: call that one for another p")
-    return denoise_image(image, p=1.0, lam=lam, sigma=sigma, weights=weights, **settings)
+    return denoise_image(image, **cast("Denoise", {**options, "p": 1.0}))

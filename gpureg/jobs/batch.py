@@ -15,6 +15,7 @@ from ..backends import BackendUnavailable
 from ..files.pictures import FORMATS, PictureError
 from ..progress import progress_bar
 from .denoise import beside_of, denoise_file
+from .denoise_report import DenoiseReport
 from .denoise_settings import Settings, rehearse
 from .report import axes_line, left_out, quality_line
 
@@ -35,38 +36,38 @@ class Outcome:
 
     folder: Path
     count: int
-    done: list[dict[str, Any]] = field(default_factory=list)
+    done: list[DenoiseReport] = field(default_factory=list)
     failed: list[tuple[Path, str]] = field(default_factory=list)
     interrupted: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """The outcome as JSON can hold it."""
         failed = [{"input": str(source), "error": error} for source, error in self.failed]
-        return {"files": self.done, "failed": failed}
+        return {"files": [report.as_json() for report in self.done], "failed": failed}
 
-    def as_lines(self) -> str:
+    def lines(self) -> list[str]:
         """The outcome for a reader, without the failures."""
         lines = []
-        guessed = [report for report in self.done if not report.get("axes_named", True)]
+        guessed = [report for report in self.done if report.axes_guessed]
         if guessed:
-            lines.append(f"{axes_line(guessed[0])} ({len(guessed)} file(s))")
-        nans, outside = (sum(report.get(name, 0) for report in self.done) for name in ("nan", "outside_mask"))
+            lines.append(f"{axes_line(guessed[0].as_json())} ({len(guessed)} file(s))")
+        nans, outside = sum(report.nan for report in self.done), sum(report.outside_mask for report in self.done)
         if nans or outside:
             lines.append(left_out(nans, outside))
-        measured = [report for report in self.done if "psnr" in report]
+        measured = [report.measured() for report in self.done if report.quality is not None]
         if measured:
             psnr, ssim = (
                 {which: mean(float(report[name][which]) for report in measured) for which in ("input", "output")}
                 for name in ("psnr", "ssim")
             )
             lines.append(f"{quality_line(psnr, ssim)} on average")
-        seconds = sum(report["seconds"] for report in self.done)
-        on = ", ".join(sorted({report["backend"] for report in self.done}))
+        seconds = sum(report.seconds for report in self.done)
+        on = ", ".join(sorted({report.backend for report in self.done}))
         lines.append(
             f"done     {len(self.done)} of {self.count} files in {seconds:.2f} s{f' on {on}' if on else ''}"
             f" -> {self.folder}"
         )
-        return "\n".join(lines)
+        return lines
 
     def failures(self) -> str:
         """A list of the files that failed, with why."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,19 @@ import numpy as np
 from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray, IntArray
+from ..curves.skeletons import Skeleton
 from ..model.result import Result
-from .report import number
+from ..shapes.ends import Ends
+from .report import Change, Displacement, ShapeReport, noise_line, number
+
+_WHY = {
+    "given": "as given",
+    "source": "as the file says",
+    "repeated": "first vertex repeated",
+    "near": "ends near",
+    "apart": "ends apart",
+    "few": "fewer than three vertices",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,114 +34,209 @@ class Worked:
     Attributes
     ----------
     points : list of (k, 2) float arrays
+        The vertices of each curve, now.
     kept : list of (k,) int arrays
-        Which vertices these were.
-    what : str
-        "directions" or "positions": what was regularized.
-    p : float or None
-    lam, sigma : list of float or None
-        Per curve.
+        Which of the vertices that came these are.
+    what : {"directions", "positions"}
+        What was regularized.
+    simplified : bool
+        Whether vertices were left out, instead of moved.
+    p : float
+        Degree of regularity.
+    lam : list of float
+        Fidelity of each curve.
+    sigma : list of float
+        Noise of each curve, where they were denoised.
     estimated : bool
         Whether the noise was.
     results : list of Result
+        The runs.
     """
 
     points: list[FloatArray]
     kept: list[IntArray]
     what: str
-    p: float | None
-    lam: list[float | None]
-    sigma: list[float | None]
+    simplified: bool
+    p: float
+    lam: list[float]
+    sigma: list[float]
     estimated: bool
     results: list[Result]
 
+    def describe(self) -> str:
+        """What was done, in a line."""
+        verb = f"vertices kept where the {self.what} jump" if self.simplified else f"{self.what} of the vertices"
+        if not self.results:
+            return f"{verb}: there is no noise to remove"
+        many = " in the middle" if len(set(self.lam)) > 1 else ""
+        lam = f"{np.median(self.lam):.4g}{many}"
+        return f"{verb}; p = {self.p:g}, lam = {lam}, {self.results[0].iterations} iterations"
 
-def as_report(
-    before: list[FloatArray], worked: Worked, closed: list[bool], truth: list[FloatArray] | None
-) -> dict[str, Any]:
-    """What there is to say of curves before and after."""
-    after = worked.points
-    simplified = any(len(a) != len(b) for a, b in zip(before, after, strict=True)) or worked.sigma[0] is None
-    lams = [lam for lam in worked.lam if lam is not None]
-    lam = f"{np.median(lams):.4g}" if lams else "none"
-    many = " in the middle" if len(set(lams)) > 1 else ""
-    what = "vertices kept where the " if simplified else ""
-    verb = f"{what}{worked.what} {'jump' if simplified else 'of the vertices'}"
-    if not worked.results:
-        rule = f"{verb}: there is no noise to remove"
-    else:
-        rule = f"{verb}; p = {worked.p:g}, lam = {lam}{many}, {worked.results[0].iterations} iterations"
-    report: dict[str, Any] = {
-        "curves": len(before),
-        "closed": sum(closed),
-        "vertices": {"before": sum(map(len, before)), "after": sum(map(len, after))},
-        "method": "simplify" if simplified else "denoise",
-        "filter": rule,
-        "p": worked.p,
-        "lam": [None if lam is None else number(lam) for lam in worked.lam],
-    }
-    if not simplified:
-        report |= {"sigma": worked.sigma, "sigma_estimated": worked.estimated}
-        moved = np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in zip(before, after, strict=True)])
-        report["displacement"] = {"largest": float(moved.max()), "mean": float(moved.mean())}
-    report["length"] = _both(before, after, closed, metrics.curve_length)
-    shut = [k for k, is_closed in enumerate(closed) if is_closed]
-    if shut:
-        report["area"] = {
-            which: float(sum(abs(metrics.curve_area(points[k])) for k in shut))
-            for which, points in (("before", before), ("after", after))
-        }
-    report["hausdorff"] = max(
-        metrics.curve_hausdorff(a, b, closed=c) for a, b, c in zip(before, after, closed, strict=True)
-    )
-    if truth is not None:
-        if len(truth) != len(before):
+
+@dataclass(frozen=True)
+class Measures:
+    """Lengths, areas and distances of curves before and after.
+
+    Attributes
+    ----------
+    length : Change
+        Of all curves together.
+    area : Change or None
+        Inside all that are closed.
+    hausdorff : float
+        The largest distance of a curve from what it was.
+    reference : Change or None
+        The largest distance from the curve of the same number in another file.
+    """
+
+    length: Change
+    area: Change | None
+    hausdorff: float
+    reference: Change | None
+
+    @classmethod
+    def of(
+        cls, before: list[FloatArray], after: list[FloatArray], closed: list[bool], truth: list[FloatArray] | None
+    ) -> Measures:
+        """The measures of curves, before and after.
+
+        Raises
+        ------
+        ValueError
+            A reference of more curves, or fewer.
+        """
+        if truth is not None and len(truth) != len(before):
             raise ValueError(f"--reference has {len(truth)} curves, IN has {len(before)}")
-        report["reference"] = {
-            which: max(metrics.curve_hausdorff(a, b, closed=c) for a, b, c in zip(points, truth, closed, strict=True))
-            for which, points in (("before", before), ("after", after))
+        shut = [k for k, is_closed in enumerate(closed) if is_closed]
+        area = None
+        if shut:
+            area = Change.of(lambda x: float(sum(abs(metrics.curve_area(x[k])) for k in shut)), before, after)
+        return cls(
+            Change.of(lambda x: float(sum(_each(metrics.curve_length, closed, x))), before, after),
+            area,
+            max(_each(metrics.curve_hausdorff, closed, before, after)),
+            None
+            if truth is None
+            else Change.of(lambda x: max(_each(metrics.curve_hausdorff, closed, x, truth)), before, after),
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The measures as JSON can hold them."""
+        area = {} if self.area is None else {"area": self.area.as_json()}
+        reference = {} if self.reference is None else {"reference": self.reference.as_json()}
+        return {"length": self.length.as_json()} | area | {"hausdorff": self.hausdorff} | reference
+
+
+def _each(measure: Callable[..., float], closed: list[bool], *curves: list[FloatArray]) -> list[float]:
+    """A measure of each curve, or of each pair of curves."""
+    return [measure(*xs, closed=shut) for *xs, shut in zip(*curves, closed, strict=True)]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CurveReport(ShapeReport):
+    """What was done with curves.
+
+    Attributes
+    ----------
+    before : list of (n, 2) float arrays
+        The curves that came.
+    worked : Worked
+        What became of them.
+    ends : list of Ends
+        Which are closed, and how that is known.
+    measures : Measures
+    unit : str or None
+        That of lengths, where it is not that of the file.
+    skeleton : Path or None
+        Where the skeletons are written.
+    bones : list of Skeleton
+        The skeletons.
+    """
+
+    before: list[FloatArray]
+    worked: Worked
+    ends: list[Ends]
+    measures: Measures
+    unit: str | None = None
+    skeleton: Path | None = None
+    bones: Sequence[Skeleton] = ()
+
+    @property
+    def branches(self) -> int:
+        """How many branches the skeletons have."""
+        return sum(bone.n_branches for bone in self.bones)
+
+    @property
+    def _tips(self) -> int:
+        return sum(bone.n_ends for bone in self.bones)
+
+    @property
+    def _vertices(self) -> Change:
+        return Change.of(lambda points: sum(map(len, points)), self.before, self.worked.points)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        return super().as_json() | {"seconds": round(self.seconds, 4)}
+
+    def _told(self) -> dict[str, Any]:
+        worked = self.worked
+        report: dict[str, Any] = {
+            "curves": len(self.before),
+            "closed": sum(ends.closed for ends in self.ends),
+            "ends": [{"closed": ends.closed, "why": ends.why, "gap": ends.gap} for ends in self.ends],
+            "vertices": self._vertices.as_json(),
+            "method": "simplify" if worked.simplified else "denoise",
+            "filter": self.filter,
+            "p": worked.p,
+            "lam": [number(lam) for lam in worked.lam],
         }
-    return report | {
-        "backend": worked.results[0].backend if worked.results else None,
-        "version": __version__,
-    }
+        if not worked.simplified:
+            moved = [np.linalg.norm(a - b, axis=1) for a, b in zip(self.before, worked.points, strict=True)]
+            report |= {"sigma": worked.sigma, "sigma_estimated": worked.estimated}
+            report["displacement"] = Displacement.of(np.concatenate(moved)).as_json()
+        report |= self.measures.as_json() | {"backend": self.backend, "version": __version__}
+        if self.unit is not None:
+            report["unit"] = self.unit
+        if self.skeleton is not None:
+            report["skeleton"] = {"file": str(self.skeleton), "branches": self.branches, "ends": self._tips}
+        return report
+
+    def _noise(self) -> list[str]:
+        if self.worked.simplified:
+            return []
+        middle = " in the middle" if len(self.before) > 1 else ""
+        return [noise_line(float(np.median(self.worked.sigma)), middle, self.worked.estimated)]
+
+    def _found(self) -> list[str]:
+        lines = [ends_line(self.ends)]
+        counts, measures = self._vertices, self.measures
+        if self.worked.simplified:
+            lines.append(f"left     {counts.after} of {counts.before} vertices, {counts.percent:.3g} %")
+        told = {"area": measures.area, "length": measures.length}
+        words = [f"{name} {x.percent:.5g} %" for name, x in told.items() if x is not None and x.before]
+        unit = f" {self.unit}" if self.unit is not None else ""
+        lines.append(f"quality  {', '.join([*words, f'Hausdorff distance {measures.hausdorff:.3g}{unit}'])}")
+        if (error := measures.reference) is not None:
+            lines.append(f"errors   Hausdorff distance {error.before:.3g} -> {error.after:.3g}")
+        if self.skeleton is not None:
+            lines.append(f"skeleton {self.branches} branches, {self._tips} ends -> {self.skeleton}")
+        return lines
+
+    def _size(self) -> str:
+        count = len(self.before)
+        return f"{count} curve{'s' if count > 1 else ''}, {self._vertices.before} vertices"
 
 
-def _both(before: list[FloatArray], after: list[FloatArray], closed: list[bool], measure: Any) -> dict[str, float]:
-    return {
-        which: float(sum(measure(x, c) for x, c in zip(points, closed, strict=True)))
-        for which, points in (("before", before), ("after", after))
-    }
-
-
-def as_lines(report: dict[str, Any]) -> str:
-    """A report for a reader."""
-    lines = []
-    if "sigma" in report:
-        middle = float(np.median(report["sigma"]))
-        how = "estimated" if report["sigma_estimated"] else "as given"
-        lines.append(f"noise    sigma = {middle:.4g}{' in the middle' if report['curves'] > 1 else ''}, {how}")
-    lines.append(f"filter   {report['filter']}")
-    counts = report["vertices"]
-    if report["method"] == "simplify":
-        percent = 100 * counts["after"] / counts["before"]
-        lines.append(f"left     {counts['after']} of {counts['before']} vertices, {percent:.3g} %")
+def ends_line(ends: Sequence[Ends]) -> str:
+    """Which curves are closed, why, and how far apart their ends are."""
+    if len(ends) == 1:
+        return f"ends     {ends[0].describe()}"
+    gaps: dict[tuple[bool, str], list[float]] = {}
+    for one in ends:
+        gaps.setdefault((one.closed, one.why), []).append(one.gap)
     words = []
-    for name in ("area", "length"):
-        if name in report and report[name]["before"]:
-            words.append(f"{name} {100 * report[name]['after'] / report[name]['before']:.5g} %")
-    unit = f" {report['unit']}" if "unit" in report else ""
-    words.append(f"Hausdorff distance {report['hausdorff']:.3g}{unit}")
-    lines.append(f"quality  {', '.join(words)}")
-    if "reference" in report:
-        error = report["reference"]
-        lines.append(f"errors   Hausdorff distance {error['before']:.3g} -> {error['after']:.3g}")
-    if "skeleton" in report:
-        bones = report["skeleton"]
-        lines.append(f"skeleton {bones['branches']} branches, {bones['ends']} ends -> {bones['file']}")
-    if "picture" in report:
-        lines.append(f"picture  {report['picture']}")
-    on = f" on {report['backend']}" if report["backend"] else ""
-    size = f"{report['curves']} curve{'s' if report['curves'] > 1 else ''}, {counts['before']} vertices"
-    lines.append(f"done     {report['seconds']:.2f} s{on}; {size} -> {report['output']}")
-    return "\n".join(lines)
+    for (closed, why), apart in gaps.items():
+        to = f" to {max(apart):.3g}" if len(apart) > 1 else ""
+        far = "" if why == "repeated" else f", {min(apart):.3g}{to} apart"
+        words.append(f"{len(apart)} {'closed' if closed else 'open'} ({_WHY[why]}{far})")
+    return f"ends     {', '.join(words)}"

@@ -15,11 +15,14 @@ import numpy.typing as npt
 
 from .. import plot
 from ..files.pictures import Picture, PictureError, check_destination, read_picture, write_picture
+from ..images.plan import DenoisePlan
+from ..images.raster import Raster
 from ..images.run import run_plan
+from ..model.result import Result
 from ..progress import progress_bar
-from .denoise_report import report_of
+from .denoise_report import DenoiseReport
 from .denoise_settings import Settings, expect_fitting, plan_of
-from .report import number
+from .report import about
 from .slices import beside, inside_of, layout_of
 
 
@@ -30,7 +33,7 @@ def denoise_file(
     *,
     progress: bool = False,
     tell: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+) -> DenoiseReport:
     """Denoise the picture, volume or series `source` into the file `target`.
 
     Parameters
@@ -44,8 +47,8 @@ def denoise_file(
 
     Returns
     -------
-    dict
-        What was done, as JSON can hold it.
+    DenoiseReport
+        What was done.
 
     Raises
     ------
@@ -75,7 +78,8 @@ def denoise_file(
     guides: npt.NDArray[Any] | None = None
     if settings.guide is not None:
         guides = layout.turned(*_guide(picture, source, beside(settings.guide, source)))
-    values, runs = [], []
+    values: list[npt.NDArray[Any]] = []
+    runs: list[tuple[DenoisePlan, Result]] = []
     explained: list[str] = []
     # The plans that are told would run into the bar.
     with progress_bar(progress and len(slices) > 1 and not settings.explain, len(slices), "slices") as done:
@@ -85,16 +89,15 @@ def denoise_file(
             if mask is not None and not mask.any():
                 values.append(part)
                 continue
-            plan = plan_of(part, settings, layout.spacing, axis, mask)
+            raster = Raster.of(part, axis, mask, axes_known=True)
+            plan = plan_of(raster, settings, layout.spacing)
             if settings.explain:
                 heading = "" if len(slices) == 1 else f"slice {i + 1} of {len(slices)} along {layout.several}\n"
                 explained.append(heading + plan.explain())
                 tell(explained[-1])
             result = run_plan(
                 plan,
-                part,
-                mask=mask,
-                channel_axis=axis,
+                raster,
                 guide=None if guides is None else guides[i],
                 progress=progress and len(slices) == 1,
                 **settings.run(),
@@ -105,26 +108,21 @@ def denoise_file(
     if measure is not None:
         quality.append(measure(np.stack(values)))
     write_picture(target, replace(picture, pixels=layout.turned_back(values, picture.axes)))
-    report = report_of(runs, source, target, picture, through=layout.several)
-    if isinstance(settings.lam, str):
-        report["lam_search"] = settings.lam
-    if settings.norm != "vertex":
-        report["norm"] = settings.norm
-    if layout.spacing is not None:
-        report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
-    if settings.mask is not None:
-        report |= {"mask": str(settings.mask), "outside_mask": masked}
-    if nans:
-        report["nan"] = nans
-    if settings.guide is not None:
-        report["guide"] = str(settings.guide)
-    if quality:
-        report["reference"] = str(settings.reference)
-        for name, pair in zip(("psnr", "ssim"), zip(*quality, strict=True), strict=True):
-            report[name] = dict(zip(("input", "output"), map(number, pair), strict=True))
-    if settings.explain:
-        report["explain"] = "\n".join(explained).splitlines()
-    return report
+    return DenoiseReport(
+        files=about(source, target, picture),
+        runs=tuple(runs),
+        through=layout.several,
+        lam_search=settings.lam if isinstance(settings.lam, str) else None,
+        norm=settings.norm,
+        spacing=None if layout.spacing is None else dict(zip(layout.grid, layout.spacing, strict=True)),
+        mask=settings.mask,
+        outside_mask=0 if settings.mask is None else masked,
+        nan=nans,
+        guide=settings.guide,
+        reference=settings.reference,
+        quality=(quality[0], quality[1]) if quality else None,
+        explained="\n".join(explained) if settings.explain else None,
+    )
 
 
 def beside_of(source: Path, settings: Settings) -> list[Path]:

@@ -1,56 +1,129 @@
-"""What was done with a picture file: as JSON can hold it, and in a few lines."""
+"""What was done with a picture file: :class:`DenoiseReport`, as JSON can hold it and in a few lines."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..files.pictures import Picture
 from ..images.plan import DenoisePlan
+from ..model.problem import Norm
 from ..model.result import Result
-from .report import WHITE, about, axes_line, done_line, left_out, quality_line, run_of
+from .report import WHITE, axes_line, done_line, left_out, number, quality_line, run_of
 
 
-def report_of(
-    runs: Sequence[tuple[DenoisePlan, Result]], source: Path, target: Path, picture: Picture, *, through: str = ""
-) -> dict[str, Any]:
-    """A report as JSON can hold it; `through` names the axes whose slices were treated one by one."""
-    report = about(source, target, picture)
-    if through:
-        report |= {"each": through, "slices": [run_of(plan, result) for plan, result in runs]}
-    else:
-        report |= run_of(*runs[0])
-    report |= {
-        "backend": runs[0][1].backend,
-        "seconds": round(sum(result.seconds for _, result in runs), 4),
-        "version": __version__,
-    }
-    return report
+@dataclass(frozen=True)
+class DenoiseReport:
+    """What was done with a picture, a volume or a series.
 
+    Attributes
+    ----------
+    files : mapping
+        What :func:`gpureg.jobs.report.about` says of the files and the picture in them.
+    runs : tuple of (DenoisePlan, Result)
+        One for each slice that was denoised, the results without their values.
+    through : str, default ""
+        Letters of the axes whose slices were treated one by one.
+    lam_search : str, optional
+        The search for lam that was asked for.
+    norm : {"vertex", "edge"}, default "vertex"
+    spacing : mapping of str to float, optional
+        Size of a pixel along each axis, by its letter.
+    mask, guide, reference : Path, optional
+        Files that were read besides.
+    outside_mask, nan : int, default 0
+        Pixels that were left out by the mask, and because they are NaN.
+    quality : pair of (psnr, ssim), optional
+        Of input and output, where there is a reference.
+    explained : str, optional
+        The plans, where they were asked for.
+    """
 
-def as_lines(report: dict[str, Any]) -> str:
-    """A report for a reader: noise, filter, done, and what else there is to say."""
-    runs = report.get("slices", [report])
-    white = WHITE.get(report["dtype"], "")
-    sigmas = [run["sigma"] for run in runs]
-    sigma = f"{min(sigmas):.4g}" + (f" to {max(sigmas):.4g}" if len(runs) > 1 else "")
-    origin = "estimated" if runs[0]["sigma_estimated"] else "as given"
-    lines = [axes_line(report)] if not report.get("axes_named", True) else []
-    slices = f" in each of {len(runs)} slices along {report['each']}" if "each" in report else ""
-    lines.append(f"noise    sigma = {sigma}{white}, {origin}{slices}")
-    same = len({run["filter"] for run in runs}) == 1
-    more = "; edge norm" if report.get("norm") == "edge" else ""
-    more += f"; guided by {report['guide']}" if "guide" in report else ""
-    lines.append(f"filter   {runs[0]['filter']}{more}{'' if same else ' (first slice)'}")
-    if "lam_search" in report and runs[0]["iterations"]:
-        lines.append(f"lam      {runs[0]['lam']:.4g}; {runs[0]['lam_reason']}{'' if same else ' (first slice)'}")
-    if report.get("nan") or report.get("outside_mask"):
-        lines.append(left_out(report.get("nan", 0), report.get("outside_mask", 0)))
-    if "psnr" in report:
-        lines.append(quality_line(report["psnr"], report["ssim"]))
-    if report.get("gap") is not None:
-        lines.append(f"minimum  the energy, {report['energy'][-1]:.6g}, is at most {report['gap']:.2g} above it")
-    lines.append(done_line(report))
-    return "\n".join(lines)
+    files: Mapping[str, Any]
+    runs: tuple[tuple[DenoisePlan, Result], ...]
+    through: str = ""
+    lam_search: str | None = None
+    norm: Norm = "vertex"
+    spacing: Mapping[str, float] | None = None
+    mask: Path | None = None
+    outside_mask: int = 0
+    nan: int = 0
+    guide: Path | None = None
+    reference: Path | None = None
+    quality: tuple[tuple[float, float], tuple[float, float]] | None = None
+    explained: str | None = None
+
+    @property
+    def axes_guessed(self) -> bool:
+        """Whether the file names no axes of its stack."""
+        return not self.files.get("axes_named", True)
+
+    @property
+    def seconds(self) -> float:
+        """How long all runs took."""
+        return round(sum(result.seconds for _, result in self.runs), 4)
+
+    @property
+    def backend(self) -> str:
+        """What they ran on."""
+        return self.runs[0][1].backend
+
+    def measured(self) -> dict[str, dict[str, float | str]]:
+        """PSNR and SSIM of input and output by their names, as JSON can hold them; empty without a reference."""
+        if self.quality is None:
+            return {}
+        return {
+            name: {which: number(values[i]) for which, values in zip(("input", "output"), self.quality, strict=True)}
+            for i, name in enumerate(("psnr", "ssim"))
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        runs = [run_of(plan, result) for plan, result in self.runs]
+        report = {**self.files, **({"each": self.through, "slices": runs} if self.through else runs[0])}
+        report |= {"backend": self.backend, "seconds": self.seconds, "version": __version__}
+        if self.lam_search is not None:
+            report["lam_search"] = self.lam_search
+        if self.norm != "vertex":
+            report["norm"] = self.norm
+        if self.spacing is not None:
+            report["spacing"] = dict(self.spacing)
+        if self.mask is not None:
+            report |= {"mask": str(self.mask), "outside_mask": self.outside_mask}
+        if self.nan:
+            report["nan"] = self.nan
+        if self.guide is not None:
+            report["guide"] = str(self.guide)
+        if self.quality is not None:
+            report |= {"reference": str(self.reference), **self.measured()}
+        if self.explained is not None:
+            report["explain"] = self.explained.splitlines()
+        return report
+
+    def lines(self) -> list[str]:
+        """The report for a reader: noise, filter, done, and what else there is to say."""
+        report, (plan, result) = self.as_json(), self.runs[0]
+        plans = [plan for plan, _ in self.runs]
+        sigmas = [plan.sigma for plan in plans if plan.sigma is not None]
+        sigma = f"{min(sigmas):.4g}" + (f" to {max(sigmas):.4g}" if len(sigmas) > 1 else "")
+        origin = "estimated" if plan.estimated else "as given"
+        lines = [axes_line(report)] if self.axes_guessed else []
+        slices = f" in each of {len(plans)} slices along {self.through}" if self.through else ""
+        lines.append(f"noise    sigma = {sigma}{WHITE.get(self.files['dtype'], '')}, {origin}{slices}")
+        filters = [plan.describe() for plan in plans]
+        first = "" if len(set(filters)) == 1 else " (first slice)"
+        more = "; edge norm" if self.norm == "edge" else ""
+        more += f"; guided by {self.guide}" if self.guide is not None else ""
+        lines.append(f"filter   {filters[0]}{more}{first}")
+        if self.lam_search is not None and result.iterations:
+            lines.append(f"lam      {float(plan.lam):.4g}; {plan.reasons.get('lam', 'given')}{first}")  # type: ignore[arg-type]
+        if self.nan or self.outside_mask:
+            lines.append(left_out(self.nan, self.outside_mask))
+        if self.quality is not None:
+            lines.append(quality_line(**self.measured()))
+        if result.gap is not None and not self.through:
+            lines.append(f"minimum  the energy, {result.energy[-1]:.6g}, is at most {result.gap:.2g} above it")
+        lines.append(done_line(report))
+        return lines

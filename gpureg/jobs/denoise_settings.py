@@ -5,21 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from .. import backends, weights
+from .. import backends
 from ..graphs.edges import Metric
 from ..images.choose import plan_denoising
+from ..images.noise import Noise
+from ..images.options import CHOICE, Choice, WeightKind
 from ..images.plan import AveragePatches, Centre, DenoisePlan
+from ..images.raster import Raster
 from ..images.run import run_plan
 from ..model.problem import Norm
-from ..noise.white import estimate_noise
-from ..solvers import Jacobi, Solver
 from ..tuning.fidelity import LamMethod
-from ..weights import Weights
 
 Averaging = Literal["none", "plain", "weighted"]
 AVERAGING: dict[Averaging, AveragePatches] = {"none": False, "plain": True, "weighted": "weighted"}
@@ -39,15 +38,15 @@ class Settings:
     max_iter: int | None = None
     tol: float | None = None
     eps: float | None = None
-    kind: Literal["constant", "bilateral", "patch"] | None = None
-    patch_radius: int = 2
+    weights: WeightKind | None = None
+    patch_radius: int | None = None
     h: float | None = None
-    patch_std: float | None = None
+    patch_sigma: float | None = None
     sigma_space: float | None = None
     sigma_value: float | None = None
     centre: Centre | None = None
     average_patches: Averaging | None = None
-    nearest: int | None = None
+    k: int | None = None
     backend: str = "auto"
     dtype: str | None = None
     memory: int | None = None
@@ -60,17 +59,8 @@ class Settings:
     explain: bool = False
 
     def run(self) -> dict[str, Any]:
-        """What :func:`gpureg.images.run.run_plan` is told besides the plan and the picture."""
-        # without the pixel itself a sweep at p = 2 is a plain mean, and no iteration that could swing
-        plain = self.centre == "none" and self.solver == "jacobi"
-        solver: str | Solver = Jacobi(damping=1) if plain else self.solver
-        return {
-            "solver": solver,
-            "norm": self.norm,
-            "backend": self.backend,
-            "dtype": self.dtype,
-            "memory": self.memory,
-        }
+        """What :func:`gpureg.run_plan` is told besides the plan and the picture."""
+        return {name: getattr(self, name) for name in ("solver", "norm", "backend", "dtype", "memory")}
 
 
 def as_spacing(text: str) -> tuple[float, ...] | Literal["file"]:
@@ -106,18 +96,18 @@ def expect_fitting(settings: Settings) -> None:
         Which one, and what it needs.
     """
     filters = settings.p in (None, 2)
-    kind = settings.kind
-    if kind is None and (filters or settings.nearest is not None):
+    kind = settings.weights
+    if kind is None and (filters or settings.k is not None):
         kind = "patch"
-    once = filters and settings.max_iter in (None, 0, 1) and settings.tol is None and settings.nearest is None
-    one_sweep = "one sweep at p = 2: leave out --p, --max-iter, --tol and --nearest"
+    once = filters and settings.max_iter in (None, 0, 1) and settings.tol is None and settings.k is None
+    one_sweep = "one sweep at p = 2: leave out --p, --max-iter, --tol and --k"
     averages = settings.average_patches in ("plain", "weighted")
     if settings.guide is not None and kind not in ("bilateral", "patch"):
         raise ValueError("--guide needs weights that compare pixels: --weights bilateral or patch")
     if settings.norm == "edge" and filters:
         raise ValueError("--norm edge needs a --p other than 2, where both norms are the same")
-    if settings.nearest is not None and (kind != "patch" or (filters and settings.kind is None)):
-        raise ValueError("--nearest needs --weights patch, or a --p other than 2 and no --weights")
+    if settings.k is not None and (kind != "patch" or (filters and settings.weights is None)):
+        raise ValueError("--k needs --weights patch, or a --p other than 2 and no --weights")
     if settings.centre is not None and kind not in ("bilateral", "patch"):
         raise ValueError("--centre needs --weights bilateral or patch")
     if settings.centre is not None and not once:
@@ -144,13 +134,7 @@ def expect_fitting(settings: Settings) -> None:
                 raise ValueError(f"--lam {settings.lam} searches without {option}: give --lam a number beside it")
 
 
-def plan_of(
-    part: npt.NDArray[Any],
-    settings: Settings,
-    spacing: tuple[float, ...] | None,
-    axis: int | None,
-    mask: npt.NDArray[np.bool_] | None,
-) -> DenoisePlan:
+def plan_of(raster: Raster, settings: Settings, spacing: tuple[float, ...] | None) -> DenoisePlan:
     """What to do with a picture, a volume or a series.
 
     Raises
@@ -158,68 +142,15 @@ def plan_of(
     ValueError, TypeError, BackendUnavailable
         As :func:`gpureg.plan_denoising`.
     """
-
-    def noise_of_it() -> float:
-        return estimate_noise(part, channel_axis=axis, mask=mask)
-
-    function: Weights | None = None
-    reasons: dict[str, str] = {}
-    if settings.kind is not None:
-        noise = noise_of_it() if settings.sigma is None else settings.sigma
-        lacks = {"bilateral": settings.sigma_value is None, "patch": settings.h is None}.get(settings.kind, False)
-        if lacks and noise == 0:
-            pass  # nothing to choose from, and nothing to do
-        elif settings.kind == "constant":
-            function = weights.constant()
-        elif settings.kind == "bilateral":
-            reach = 3.0 * min(spacing or (1.0,)) if settings.sigma_space is None else settings.sigma_space
-            function = weights.bilateral(reach, 3 * noise if settings.sigma_value is None else settings.sigma_value)
-            if settings.sigma_space is None or settings.sigma_value is None:
-                in_space = "3 of the finest pixels" if settings.sigma_space is None else "given"
-                reasons["reach"] = f"{in_space}, {'3 sigma' if settings.sigma_value is None else 'given'}"
-        else:
-            channels = 1 if axis is None else part.shape[axis]
-            ndim = part.ndim - (axis is not None)
-            samples = (2 * settings.patch_radius + 1) ** ndim if settings.patch_std is None else 1
-            h = 0.6 * noise * math.sqrt(samples * channels) if settings.h is None else settings.h
-            function = weights.patch(settings.patch_radius, h, sigma=noise, a=settings.patch_std)
-            if (settings.patch_radius, settings.patch_std) == (Settings.patch_radius, Settings.patch_std):
-                reasons["patch"] = "default"
-            if settings.h is None:
-                reasons["h"] = "rule: 0.6 sigma sqrt(samples)"
-    plan = plan_denoising(
-        part,
-        sigma=settings.sigma,
-        p=settings.p,
-        lam=settings.lam,
-        radius=settings.radius,
-        metric=settings.metric,
-        weights=function,
-        guide=None if settings.guide is None else part,  # that there is one is what matters here
-        nearest=settings.nearest,
-        norm=settings.norm,
-        solver=settings.run()["solver"],
-        max_iter=settings.max_iter,
-        tol=settings.tol,
-        eps=settings.eps,
-        mask=mask,
-        spacing=spacing,
-        channel_axis=axis,
-        backend=settings.backend,
-        dtype=settings.dtype,
-        memory=settings.memory,
-    )
+    given = {name: getattr(settings, name) for name in CHOICE if hasattr(settings, name)}
+    averaging = None if settings.average_patches is None else AVERAGING[settings.average_patches]
+    # of a guide it matters here that there is one
+    guide = None if settings.guide is None else raster.values
+    given |= {"spacing": spacing, "guide": guide, "average_patches": averaging, "mask": None}
+    plan = plan_denoising(raster, **cast("Choice", given))
     if plan.sigma is None:  # it decided nothing, but is reported
-        plan = replace(plan, sigma=noise_of_it(), estimated=True)
-    if settings.average_patches is not None:
-        plan = replace(plan, average_patches=AVERAGING[settings.average_patches])
-        reasons["averaging"] = "given"
-    if settings.centre is not None:
-        plan = replace(plan, centre=settings.centre)
-    if settings.centre == "none":
-        plan = replace(plan, lam=0.0)
-        reasons["lam"] = "the centre is left out, as given"
-    return replace(plan, reasons={**plan.reasons, **reasons})
+        plan = replace(plan, sigma=Noise(None).found(raster).sigma, estimated=True)
+    return plan
 
 
 def rehearse(settings: Settings) -> None:
@@ -237,6 +168,7 @@ def rehearse(settings: Settings) -> None:
         settings = replace(settings, lam=None)
     if settings.spacing is not None:  # in whose units the radius is
         settings = replace(settings, radius=None)
-    plan = plan_of(noise, settings, None, None, None)
+    raster = Raster.of(noise)
+    plan = plan_of(raster, settings, None)
     run = {**settings.run(), "backend": "numpy", "memory": None}
-    run_plan(replace(plan, max_iter=min(plan.max_iter, 1)), noise, **run)
+    run_plan(replace(plan, max_iter=min(plan.max_iter, 1)), raster, **run)

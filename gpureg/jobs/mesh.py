@@ -2,74 +2,52 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .. import weights
-from ..files.pictures import check_place, write_files
+from .. import metrics
 from ..meshes.denoise import denoised
 from ..meshes.filters import Filter
 from ..meshes.reading import MeshError, check_format, read_mesh
 from ..meshes.simplify import simplified
 from ..meshes.writing import encode_mesh
 from ..shapes.surface import Surface, surface_of
-from .mesh_report import denoising_report, errors_of, simplification_report
+from ..weights import cotangent
+from .mesh_report import Measures, MeshDenoisingReport, MeshErrors, MeshReport, MeshSimplificationReport
+from .options import WEIGHTS, ViewedSettings
+from .outputs import Outputs
 
-WEIGHTS = ("constant", "inverse-distance", "inverse-square", "cotangent")
+MESH_WEIGHTS = (*WEIGHTS, "cotangent")
 
-# Fields that only one of the two does something with, and those of both.
+# Options that are for denoising alone.
 _DENOISING = ("filter", "taubin", "sigma", "fix_border", "max_displacement", "values")
-_MODEL = ("p", "lam", "norm", "solver", "max_iter", "tol", "eps", "backend", "dtype")
 
 
-@dataclass(frozen=True)
-class MeshSettings:
-    """What is asked for besides IN and OUT: the options of ``gpureg mesh``; None leaves it to the door."""
+@dataclass(frozen=True, kw_only=True)
+class MeshSettings(ViewedSettings):
+    """What is asked for, apart from IN and OUT: the options of ``gpureg mesh``."""
 
     filter: Filter | None = None
     taubin: bool = False
     values: str | None = None
-    p: float | None = None
-    lam: float | None = None
-    sigma: float | None = None
-    weights: str | None = None
-    norm: Literal["vertex", "edge"] = "vertex"
     fix_border: bool = False
     max_displacement: float | None = None
     simplify: bool = False
     n_vertices: int | None = None
-    solver: Literal["jacobi", "certified"] = "jacobi"
-    max_iter: int | None = None
-    tol: float | None = None
-    eps: float | None = None
-    backend: str = "auto"
-    dtype: str | None = None
-    reference: Path | None = None
-    picture: Path | None = None
-    view: tuple[float, float] | Literal["auto"] = "auto"
-    up: Literal["x", "y", "z"] | None = None
 
     @property
     def simplifies(self) -> bool:
         """Whether the mesh is to have fewer vertices, instead of less noise."""
         return self.simplify or self.n_vertices is not None
 
-    def model(self, surface: Surface) -> dict[str, Any]:
-        """What the doors are told of the model, where it is not their default."""
-        found = {name: getattr(self, name) for name in _MODEL if getattr(self, name) is not None}
-        chosen: Any = {
-            None: None,
-            "constant": weights.constant(),
-            "inverse-distance": weights.inverse_distance(1),
-            "inverse-square": weights.inverse_distance(2),
-            "cotangent": weights.cotangent(surface.welded()[0].faces),
-        }[self.weights]
-        return found if chosen is None else found | {"weights": chosen}
+    def model_on(self, surface: Surface, *names: str) -> dict[str, Any]:
+        """The options of the model, and those of these names, that were given, for a surface."""
+        told = self.model(*names)
+        return told if self.weights != "cotangent" else told | {"weights": cotangent(surface.welded()[0].faces)}
 
     def check(self) -> None:
         """Refuse options that do nothing together.
@@ -78,25 +56,17 @@ class MeshSettings:
         ------
         ValueError
         """
-        if self.simplifies:
-            given = [name for name in _DENOISING if getattr(self, name) not in (None, False)]
-            if given:
-                raise ValueError(
-                    f"{_option(given[0])} is for denoising, --simplify and --n-vertices are not; run twice"
-                )
-        elif self.values is not None and self.filter is not None:
-            raise ValueError("--values are denoised in the place of the positions: leave --filter out")
-        elif self.weights == "cotangent" and self.values is None and self.filter != "vertices":
-            raise ValueError("--weights cotangent are between vertices: give --filter vertices")
-        if self.picture is None and (self.view != "auto" or self.up is not None):
-            raise ValueError("--view and --up turn the picture: give --picture too")
+        given = self.first_given(_DENOISING)
+        if self.simplifies and given is not None:
+            raise ValueError(f"{given} is for denoising, --simplify and --n-vertices are not; run twice")
+        if not self.simplifies and self.values is not None and self.filter is not None:
+            raise ValueError("--values are denoised instead of the positions: leave --filter out")
+        if not self.simplifies and self.weights == "cotangent" and self.values is None and self.filter != "positions":
+            raise ValueError("--weights cotangent are between vertices: give --filter positions")
+        self.check_view()
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
-def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: bool = False) -> dict[str, Any]:
+def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: bool = False) -> MeshReport:
     """Denoise or simplify the mesh `source` into the file `target`, and draw both where a picture is asked for.
 
     All files are written, or none.
@@ -110,8 +80,7 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
 
     Returns
     -------
-    dict
-        What was done, as JSON can hold it.
+    MeshReport
 
     Raises
     ------
@@ -121,68 +90,75 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
         As :func:`gpureg.denoise_mesh` and :func:`gpureg.simplify_mesh`.
     """
     settings.check()
-    _check_files(source, target, settings)
+    check_format(target)
+    outputs = Outputs(source, settings.reference)
+    outputs.expect("OUT", target)
+    outputs.expect_picture(settings.picture, MeshError)
     surface, mesh, dtype = _read(source)
     truth = None if settings.reference is None else _read(settings.reference)[0]
-    model = settings.model(surface) | {"progress": progress}
-    about = {"input": str(source), "output": str(target)}
-    if settings.simplifies:
-        made = simplified(surface, n_vertices=settings.n_vertices, **model)
-        after = Surface(made.vertices, made.faces, surface.make)
-        result = surface.like(made.vertices, made.faces, made.kept)
-        report = simplification_report(surface, after, made)
-    else:
-        names = ("taubin", "sigma", "fix_border", "max_displacement")
-        values = None if settings.values is None else _values(mesh, settings.values, source)
-        found = denoised(
-            surface,
-            filter=settings.filter or "normals",
-            values=values,
-            **{name: getattr(settings, name) for name in names},
-            **model,
-        )
-        after = Surface(found.vertices, surface.faces, surface.make)
-        result = surface.like(found.vertices)
-        if found.values is not None and settings.values is not None:
-            _put(result, settings.values, found.values)
-        report = denoising_report(surface, after, found)
-    if truth is not None:
-        report["reference"] = {"file": str(settings.reference)} | errors_of(surface, after, truth)
-    content = encode_mesh(target, result, dtype)
-    writes = {target: lambda path: path.write_bytes(content)}
+    work = _simplified if settings.simplifies else _denoised
+    result, after, report = work(source, target, surface, mesh, settings, progress)
+    if truth is not None and settings.reference is not None:
+        report = replace(report, errors=MeshErrors.of(settings.reference, surface, after, truth))
+    outputs.put(target, encode_mesh(target, result, dtype))
     if settings.picture is not None:
-        figure = _drawn(surface, after, truth, settings, report)
-        writes[settings.picture] = lambda path: figure.savefig(path)
-        report["picture"] = str(settings.picture)
-    write_files(writes)
-    return about | report
+        outputs.draw(settings.picture, _drawn(surface, after, truth, settings, report.filter))
+    outputs.write()
+    return report
 
 
-def _check_files(source: Path, target: Path, settings: MeshSettings) -> None:
-    """Refuse, before work is spent on them, files that cannot be written, and such as overwrite what is read."""
-    check_format(target)
-    check_place(target)
-    read = [path for path in (settings.reference,) if path is not None]
-    outputs = [("OUT", target, read)]
-    if settings.picture is not None:
-        from ..plot.canvas import check_path
+def _denoised(
+    source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
+) -> tuple[Any, Surface, MeshReport]:
+    values = None if settings.values is None else _values(mesh, settings.values, source)
+    found = denoised(
+        surface,
+        values=values,
+        taubin=settings.taubin,
+        fix_border=settings.fix_border,
+        progress=progress,
+        **settings.model_on(surface, "filter", "sigma", "max_displacement"),
+    )
+    after = Surface(found.vertices, surface.faces, surface.make)
+    result = surface.like(found.vertices)
+    if settings.values is not None:
+        _put(result, settings.values, found.value)
+    report = MeshDenoisingReport(
+        input=source,
+        output=target,
+        filter=found.describe(),
+        results=found.results,
+        seconds=found.seconds,
+        picture=settings.picture,
+        measures=Measures.of(surface, after) if found.moves else None,
+        found=found,
+    )
+    return result, after, report
 
-        try:
-            check_path(settings.picture)
-        except ImportError as error:
-            raise MeshError(f"--picture: {error}") from None
-        check_place(settings.picture)
-        if os.path.realpath(settings.picture) == os.path.realpath(target):
-            raise ValueError(f"OUT and --picture would both be written to {target}; give each its own file")
-        outputs.append(("--picture", settings.picture, [source, *read]))
-    for option, path, others in outputs:
-        for other in others:
-            if os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other):
-                raise ValueError(f"{option} {path} would overwrite {other}, which is read; give another file")
+
+def _simplified(
+    source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
+) -> tuple[Any, Surface, MeshReport]:
+    found = simplified(surface, n_vertices=settings.n_vertices, progress=progress, **settings.model_on(surface))
+    after = Surface(found.vertices, found.faces, surface.make)
+    rounds = len(found.results)
+    each = f"{rounds} rounds of " if rounds > 1 else ""
+    report = MeshSimplificationReport(
+        input=source,
+        output=target,
+        filter=f"vertices that meet become one; {each}{found.results[0].iterations} iterations",
+        results=found.results,
+        seconds=found.seconds,
+        picture=settings.picture,
+        measures=Measures.of(surface, after),
+        found=found,
+        hausdorff=metrics.hausdorff((after.vertices, after.faces), (surface.vertices, surface.faces)),
+    )
+    return surface.like(found.vertices, found.faces, found.kept), after, report
 
 
 def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
-    """The mesh in a file as a surface and as it was read, and the type of its coordinates."""
+    """Read a mesh: the surface, the mesh as it was read, and the type of its coordinates."""
     found = read_mesh(path)
     surface = surface_of(found.mesh)
     if path.suffix.lower() == ".stl":
@@ -193,7 +169,7 @@ def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:
-    """The function at the vertices of that name."""
+    """Find the values of that name at the vertices, (n,) or (n, 3)."""
     known = list(mesh.vertex_attributes)
     if mesh.visual.kind == "vertex":
         known.insert(0, "colours")
@@ -207,7 +183,7 @@ def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:
 
 
 def _put(mesh: Any, name: str, values: npt.NDArray[Any]) -> None:
-    """Values in the place of those of that name, in their type."""
+    """Put values instead of those of that name, in their type."""
     if name == "colours":
         mesh.visual.vertex_colors[:, :3] = np.clip(np.rint(values), 0, 255)
         return
@@ -217,9 +193,7 @@ def _put(mesh: Any, name: str, values: npt.NDArray[Any]) -> None:
     mesh.vertex_attributes[name] = values.astype(kind)
 
 
-def _drawn(
-    before: Surface, after: Surface, truth: Surface | None, settings: MeshSettings, report: dict[str, Any]
-) -> Any:
+def _drawn(before: Surface, after: Surface, truth: Surface | None, settings: MeshSettings, caption: str) -> Any:
     from ..plot import meshes
 
     drawn = {
@@ -227,4 +201,4 @@ def _drawn(
         for title, surface in (("before", before), ("after", after), ("reference", truth))
         if surface is not None
     }
-    return meshes(drawn, view=settings.view, up=settings.up, edges=settings.simplifies, caption=report["filter"])
+    return meshes(drawn, view=settings.view, up=settings.up, edges=settings.simplifies, caption=caption)

@@ -3,158 +3,211 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import metrics
-from .._version import __version__
-from ..meshes.denoise import MeshDenoising
+from ..meshes.filters import MeshDenoising
 from ..meshes.simplify import MeshSimplification
 from ..shapes.surface import Surface
-from .report import number
+from .report import Change, Displacement, ShapeReport, noise_line, number
 
 
-def denoising_report(before: Surface, after: Surface, found: MeshDenoising) -> dict[str, Any]:
-    """What :func:`gpureg.meshes.denoise.denoised` did."""
-    report = {
-        "vertices": len(before.vertices),
-        "faces": len(before.faces),
-        "edge": found.edge,
-        "method": found.filter,
-        "filter": found.describe(),
-        "p": found.p,
-        "lam": number(found.lam) if isinstance(found.lam, float) else "map",
-    }
-    if found.filter != "Taubin":
-        report |= {"sigma": found.sigma, "sigma_estimated": found.estimated}
-    if found.values is None:
-        report |= _kept(before, after)
-        report["displacement"] = {"largest": float(found.displacement.max()), "mean": float(found.displacement.mean())}
-    return report | _runs(found)
+@dataclass(frozen=True)
+class Measures:
+    """Area and volume of a mesh before and after, and whether it is closed; of an open one the volume under cones."""
+
+    area: Change
+    volume: Change
+    closed: Change
+
+    @classmethod
+    def of(cls, before: Surface, after: Surface) -> Measures:
+        """Those of two surfaces."""
+        one, two = (before.vertices, before.faces), (after.vertices, after.faces)
+        measures = (metrics.area, metrics.volume, metrics.is_watertight)
+        return cls(*(Change.of(measure, one, two) for measure in measures))
+
+    def as_json(self) -> dict[str, Any]:
+        """The measures as JSON can hold them."""
+        return {name: getattr(self, name).as_json() for name in ("area", "volume", "closed")}
+
+    def words(self) -> list[str]:
+        """What has become of them."""
+        volume, area = (f"{x.percent:.4g} %" if x.before else "none" for x in (self.volume, self.area))
+        words = [f"volume {volume}" if self.closed.before else f"open; volume inside {volume}", f"area {area}"]
+        return [*words, "no longer closed"] if self.closed.before and not self.closed.after else words
 
 
-def simplification_report(before: Surface, after: Surface, found: MeshSimplification) -> dict[str, Any]:
-    """What :func:`gpureg.meshes.simplify.simplified` did."""
-    used = len(np.unique(before.welded()[0].faces))
-    rounds = len(found.results)
-    result = found.results[0]
-    each = f"{rounds} rounds of " if rounds > 1 else ""
-    report = {
-        "vertices": {"before": used, "after": len(after.vertices)},
-        "faces": {"before": len(before.faces), "after": len(after.faces)},
-        "method": "simplify",
-        "filter": f"vertices that meet become one; {each}{result.iterations} iterations",
-        "met": found.met,
-        "refused": found.refused,
-    }
-    report |= _kept(before, after)
-    report["hausdorff"] = _hausdorff(after, before)
-    return report | _runs(found)
+@dataclass(frozen=True)
+class MeshErrors:
+    """How far a mesh is from the truth, before and after.
 
+    Attributes
+    ----------
+    file : Path
+        Where the truth is from.
+    hausdorff : float
+        The distance of the mesh that was made.
+    normal_angle, vertex : Change or None
+        Errors of normals, in degrees, and of vertices, in mean edges, where all have the same faces.
+    """
 
-def _runs(found: MeshDenoising | MeshSimplification) -> dict[str, Any]:
-    runs = found.results
-    return {
-        "iterations": sum(run.iterations for run in runs),
-        "stop": [run.stop.name.lower() for run in runs],
-        "backend": runs[0].backend if runs else None,
-        "seconds": round(found.seconds, 4),
-        "version": __version__,
-    }
+    file: Path
+    hausdorff: float
+    normal_angle: Change | None
+    vertex: Change | None
 
-
-def _kept(before: Surface, after: Surface) -> dict[str, Any]:
-    """Area and volume of both; of an open mesh the volume is that under cones over its borders."""
-    pairs = [(surface.vertices, surface.faces) for surface in (before, after)]
-    return {
-        name: dict(zip(("before", "after"), (measure(pair) for pair in pairs), strict=True))
-        for name, measure in (("area", metrics.area), ("volume", metrics.volume), ("closed", metrics.is_watertight))
-    }
-
-
-def errors_of(before: Surface, after: Surface, truth: Surface) -> dict[str, Any]:
-    """How far both are from the truth: by face and vertex where these correspond, and between surfaces."""
-    errors: dict[str, Any] = {"hausdorff": _hausdorff(after, truth)}
-    for name, measure in (("normal_angle", metrics.normal_angle_error), ("vertex", metrics.vertex_error)):
-        if all(
+    @classmethod
+    def of(cls, file: Path, before: Surface, after: Surface, truth: Surface) -> MeshErrors:
+        """The errors of two surfaces."""
+        pairs = [(surface.vertices, surface.faces) for surface in (before, after)]
+        alike = all(
             surface.vertices.shape == truth.vertices.shape and np.array_equal(surface.faces, truth.faces)
             for surface in (before, after)
-        ):
-            errors[name] = {
-                which: measure((surface.vertices, surface.faces), (truth.vertices, truth.faces))
-                for which, surface in (("before", before), ("after", after))
-            }
-    return errors
-
-
-def _hausdorff(one: Surface, other: Surface) -> float:
-    return metrics.hausdorff((one.vertices, one.faces), (other.vertices, other.faces))
-
-
-def as_lines(report: dict[str, Any]) -> str:
-    """A report for a reader."""
-    lines = []
-    if "sigma" in report:
-        share = (
-            f", {report['sigma'] / report['edge']:.2g} of the mean edge" if _moves(report) and report["edge"] else ""
         )
-        lines.append(
-            f"noise    sigma = {report['sigma']:.4g}{share}, {'estimated' if report['sigma_estimated'] else 'as given'}"
-        )
-    lines.append(f"filter   {report['filter']}")
-    if "met" in report:
-        counts = report["vertices"]
-        percent = 100 * counts["after"] / max(counts["before"], 1)
-        lines.append(
-            f"left     {counts['after']} of {counts['before']} vertices, {percent:.3g} %; "
-            f"{report['faces']['after']} of {report['faces']['before']} faces"
-        )
-    if "area" in report:
-        lines.append(f"quality  {_quality(report)}")
-    if "reference" in report:
-        lines.append(f"errors   {_errors(report)}")
-    if "picture" in report:
-        lines.append(f"picture  {report['picture']}")
-    on = f" on {report['backend']}" if report["backend"] else ""
-    size = ""
-    if "met" not in report:
-        size = f"; {report['vertices']} vertices, {report['faces']} faces"
-    lines.append(f"done     {report['seconds']:.2f} s{on}{size} -> {report['output']}")
-    return "\n".join(lines)
+        true = (truth.vertices, truth.faces)
+        far = metrics.hausdorff(pairs[1], true)
+        if not alike:
+            return cls(file, far, None, None)
+        angle = Change.of(lambda pair: metrics.normal_angle_error(pair, true), *pairs)
+        return cls(file, far, angle, Change.of(lambda pair: metrics.vertex_error(pair, true), *pairs))
+
+    def as_json(self) -> dict[str, Any]:
+        """The errors as JSON can hold them."""
+        errors: dict[str, Any] = {"file": str(self.file), "hausdorff": self.hausdorff}
+        for name in ("normal_angle", "vertex"):
+            change = getattr(self, name)
+            errors |= {} if change is None else {name: change.as_json()}
+        return errors
+
+    def line(self) -> str:
+        """The errors for a reader."""
+        assert math.isfinite(self.hausdorff)
+        words = ["other faces than the reference"]
+        if self.normal_angle is not None and self.vertex is not None:
+            angle, vertex = self.normal_angle, self.vertex
+            words = [f"normals {angle.before:.2f} -> {angle.after:.2f} degrees"]
+            words.append(f"vertices {vertex.before:.3f} -> {vertex.after:.3f} edges")
+        return f"errors   {', '.join(words)}, Hausdorff distance {self.hausdorff:.3g}"
 
 
-def _moves(report: dict[str, Any]) -> bool:
-    return "displacement" in report
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeshReport(ShapeReport):
+    """What a report on a mesh has, be it denoised or simplified.
+
+    Attributes
+    ----------
+    measures : Measures or None
+        None where the vertices have not moved.
+    errors : MeshErrors or None
+        Where there is a reference.
+    """
+
+    measures: Measures | None
+    errors: MeshErrors | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        report = super().as_json()
+        if self.errors is None:
+            return report
+        picture = {"picture": report.pop("picture")} if "picture" in report else {}
+        return report | {"reference": self.errors.as_json()} | picture
+
+    def _quality(self, last: str) -> list[str]:
+        lines = []
+        if self.measures is not None:
+            lines.append(f"quality  {', '.join([*self.measures.words(), last])}")
+        return lines if self.errors is None else [*lines, self.errors.line()]
 
 
-def _quality(report: dict[str, Any]) -> str:
-    volume, area = (
-        f"{100 * report[name]['after'] / report[name]['before']:.4g} %" if report[name]["before"] else "none"
-        for name in ("volume", "area")
-    )
-    closed = report["closed"]["before"]
-    words = [f"volume {volume}" if closed else f"open; volume inside {volume}", f"area {area}"]
-    if closed and not report["closed"]["after"]:
-        words.append("no longer closed")
-    if _moves(report):
-        largest, edge = report["displacement"]["largest"], report["edge"]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeshDenoisingReport(MeshReport):
+    """What denoising a mesh did.
+
+    Attributes
+    ----------
+    found : MeshDenoising
+    """
+
+    found: MeshDenoising
+
+    def _told(self) -> dict[str, Any]:
+        found = self.found
+        report: dict[str, Any] = {
+            "vertices": len(found.surface.vertices),
+            "faces": len(found.surface.faces),
+            "edge": found.edge,
+            "method": found.filter,
+            "filter": self.filter,
+            "p": found.p,
+            "lam": number(found.lam) if isinstance(found.lam, float) else "map",
+        }
+        if found.filter != "Taubin":
+            report |= {"sigma": found.sigma, "sigma_estimated": found.estimated}
+        if self.measures is not None:
+            report |= self.measures.as_json()
+            report["displacement"] = Displacement.of(found.displacement).as_json()
+        return report | self._runs()
+
+    def _noise(self) -> list[str]:
+        found = self.found
+        if found.filter == "Taubin":
+            return []
+        share = f", {found.sigma / found.edge:.2g} of the mean edge" if found.moves and found.edge else ""
+        return [noise_line(found.sigma, share, found.estimated)]
+
+    def _found(self) -> list[str]:
+        largest, edge = Displacement.of(self.found.displacement).largest, self.found.edge
         edges = f" ({largest / edge:.2f} edges)" if edge else ""
-        words.append(f"largest displacement {largest:.3g}{edges}")
-    else:
-        words.append(f"Hausdorff distance {report['hausdorff']:.3g}")
-    return ", ".join(words)
+        return self._quality(f"largest displacement {largest:.3g}{edges}")
+
+    def _size(self) -> str:
+        return f"{len(self.found.surface.vertices)} vertices, {len(self.found.surface.faces)} faces"
 
 
-def _errors(report: dict[str, Any]) -> str:
-    errors = report["reference"]
-    words = []
-    if "normal_angle" in errors:
-        angle, vertex = errors["normal_angle"], errors["vertex"]
-        words.append(f"normals {angle['before']:.2f} -> {angle['after']:.2f} degrees")
-        words.append(f"vertices {vertex['before']:.3f} -> {vertex['after']:.3f} edges")
-    else:
-        words.append("other faces than the reference")
-    assert math.isfinite(errors["hausdorff"])
-    words.append(f"Hausdorff distance {errors['hausdorff']:.3g}")
-    return ", ".join(words)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeshSimplificationReport(MeshReport):
+    """What simplifying a mesh did.
+
+    Attributes
+    ----------
+    found : MeshSimplification
+    hausdorff : float
+        The distance between the mesh before and after.
+    """
+
+    found: MeshSimplification
+    hausdorff: float
+
+    def _counts(self) -> tuple[Change, Change]:
+        """Vertices on faces, and faces."""
+        surface, found = self.found.surface, self.found
+        used = len(np.unique(surface.welded()[0].faces))
+        return Change(used, len(found.vertices)), Change(len(surface.faces), len(found.faces))
+
+    def _told(self) -> dict[str, Any]:
+        vertices, faces = self._counts()
+        report = {
+            "vertices": vertices.as_json(),
+            "faces": faces.as_json(),
+            "method": "simplify",
+            "filter": self.filter,
+            "met": self.found.met,
+            "refused": self.found.refused,
+        }
+        measures = {} if self.measures is None else self.measures.as_json()
+        return report | measures | {"hausdorff": self.hausdorff} | self._runs()
+
+    def _found(self) -> list[str]:
+        vertices, faces = self._counts()
+        percent = 100 * vertices.after / max(vertices.before, 1)
+        left = f"left     {vertices.after} of {vertices.before} vertices, {percent:.3g} %; "
+        return [
+            f"{left}{faces.after} of {faces.before} faces",
+            *self._quality(f"Hausdorff distance {self.hausdorff:.3g}"),
+        ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,104 +13,152 @@ import numpy.typing as npt
 from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray
-from ..points.denoise import PointDenoising
 from ..points.files import PointsFile
-from .report import number
+from ..points.filters import PointDenoising
+from .report import Change, Displacement, ShapeReport, noise_line, number
+
+_WORDS = {"surface": "distance to the surface", "nearest": "distance to the nearest", "point": "points"}
 
 
-def denoising_report(found: PointDenoising) -> dict[str, Any]:
-    """What :func:`gpureg.points.denoise.denoised` did."""
-    runs = found.results
-    report: dict[str, Any] = {
-        "points": len(found.points),
-        "coordinates": found.points.shape[1],
-        "spacing": found.spacing,
-        "method": found.filter,
-        "filter": found.describe(),
-        "p": found.p,
-        "lam": number(found.lam) if isinstance(found.lam, float) else "map",
-        "neighbours": found.k,
-        "sigma": found.sigma,
-        "sigma_estimated": found.estimated,
-    }
-    if found.values is None:
-        report["displacement"] = {"largest": float(found.displacement.max()), "mean": float(found.displacement.mean())}
-    return report | {
-        "iterations": found.iterations,
-        "stop": [run.stop.name.lower() for run in runs],
-        "backend": runs[0].backend if runs else None,
-        "seconds": round(found.seconds, 4),
-        "version": __version__,
-    }
+@dataclass(frozen=True)
+class PointErrors:
+    """Root mean square distances of points from the truth, before and after.
+
+    Attributes
+    ----------
+    file : Path
+        Where the truth is from.
+    surface, nearest, point : Change or None
+        From its surface, if it is a mesh, else from its nearest point; and from the point of the same number.
+    """
+
+    file: Path
+    surface: Change | None
+    nearest: Change | None
+    point: Change | None
+
+    @classmethod
+    def of(cls, file: Path, before: FloatArray, after: FloatArray, truth: PointsFile) -> PointErrors:
+        """The errors of points (n, d) before and after."""
+        surface = nearest = point = None
+        if truth.faces is not None and before.shape[1] == 3:
+            mesh = (truth.points, truth.faces)
+            surface = _mean(lambda x: metrics.distance_to_surface(x, mesh), before, after)
+        else:
+            from scipy.spatial import cKDTree
+
+            tree = cKDTree(truth.points)
+            nearest = _mean(lambda x: np.asarray(tree.query(x, workers=-1)[0]), before, after)
+        if before.shape == truth.points.shape:
+            point = _mean(lambda x: np.linalg.norm(x - truth.points, axis=1), before, after)
+        return cls(file, surface, nearest, point)
+
+    def _changes(self) -> dict[str, Change]:
+        return {name: change for name in _WORDS if (change := getattr(self, name)) is not None}
+
+    def as_json(self) -> dict[str, Any]:
+        """The errors as JSON can hold them."""
+        return {"file": str(self.file)} | {name: change.as_json() for name, change in self._changes().items()}
+
+    def lines(self) -> list[str]:
+        """The errors for a reader."""
+        return [
+            f"errors   {_WORDS[name]} {error.before:.4g} -> {error.after:.4g}, root mean square"
+            for name, error in self._changes().items()
+        ]
 
 
-def clustering_report(labels: npt.NDArray[np.int32], given: bool, seconds: float) -> dict[str, Any]:
-    """What :func:`gpureg.cluster_points` found."""
-    sizes = np.bincount(labels)
-    return {
-        "points": len(labels),
-        "method": "cluster",
-        "filter": "points that meet for p < 1, pieces joined by their mean weight",
-        "clusters": len(sizes),
-        "clusters_given": given,
-        "sizes": sizes.tolist(),
-        "seconds": round(seconds, 4),
-        "version": __version__,
-    }
+def _mean(distance: Callable[[FloatArray], FloatArray], before: FloatArray, after: FloatArray) -> Change:
+    return Change.of(lambda x: float(np.sqrt(np.mean(distance(x) ** 2))), before, after)
 
 
-def errors_of(before: PointsFile, after: FloatArray, truth: PointsFile) -> dict[str, Any]:
-    """Root mean square distances from the truth: from its surface, if it is a mesh, else from its points."""
-    x = before.points
-    errors: dict[str, Any] = {}
-    if truth.faces is not None and x.shape[1] == 3:
-        surface = (truth.points, truth.faces)
-        errors["surface"] = _pair(x, after, lambda points: metrics.distance_to_surface(points, surface))
-    else:
-        from scipy.spatial import cKDTree
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointDenoisingReport(ShapeReport):
+    """What denoising points did.
 
-        tree = cKDTree(truth.points)
-        errors["nearest"] = _pair(x, after, lambda points: np.asarray(tree.query(points, workers=-1)[0]))
-    if x.shape == truth.points.shape:
-        errors["point"] = _pair(x, after, lambda points: np.linalg.norm(points - truth.points, axis=1))
-    return errors
+    Attributes
+    ----------
+    found : PointDenoising
+    errors : PointErrors or None
+        Where there is a reference.
+    """
+
+    found: PointDenoising
+    errors: PointErrors | None = None
+
+    def _told(self) -> dict[str, Any]:
+        found = self.found
+        report: dict[str, Any] = {
+            "points": len(found.points),
+            "coordinates": found.points.shape[1],
+            "spacing": found.spacing,
+            "method": found.filter,
+            "filter": self.filter,
+            "p": found.p,
+            "lam": number(found.lam) if isinstance(found.lam, float) else "map",
+            "neighbours": found.k,
+            "sigma": found.sigma,
+            "sigma_estimated": found.estimated,
+        }
+        if found.moves:
+            report["displacement"] = Displacement.of(found.displacement).as_json()
+        report |= self._runs()
+        return report if self.errors is None else report | {"reference": self.errors.as_json()}
+
+    def _noise(self) -> list[str]:
+        found = self.found
+        share = f", {found.sigma / found.spacing:.2g} of the spacing" if found.moves and found.spacing else ""
+        return [noise_line(found.sigma, share, found.estimated)]
+
+    def _found(self) -> list[str]:
+        lines = []
+        if self.found.moves:
+            moved = Displacement.of(self.found.displacement)
+            lines.append(f"quality  displacement {moved.mean:.3g} on average, {moved.largest:.3g} at most")
+        return lines if self.errors is None else [*lines, *self.errors.lines()]
+
+    def _size(self) -> str:
+        return f"{len(self.found.points)} points"
 
 
-def _pair(before: FloatArray, after: FloatArray, distance: Any) -> dict[str, float]:
-    return {
-        which: float(np.sqrt(np.mean(distance(points) ** 2)))
-        for which, points in (("before", before), ("after", after))
-    }
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClusteringReport(ShapeReport):
+    """What clustering points found.
 
+    Attributes
+    ----------
+    labels : (n,) int32 array
+        The cluster of each point.
+    given : bool
+        Whether their number was.
+    """
 
-def as_lines(report: dict[str, Any]) -> str:
-    """A report for a reader."""
-    lines = []
-    if "sigma" in report:
-        spacing = report["spacing"]
-        moves = "displacement" in report and spacing
-        share = f", {report['sigma'] / spacing:.2g} of the spacing" if moves else ""
-        lines.append(
-            f"noise    sigma = {report['sigma']:.4g}{share}, {'estimated' if report['sigma_estimated'] else 'as given'}"
-        )
-    lines.append(f"filter   {report['filter']}")
-    if "clusters" in report:
-        sizes = sorted(report["sizes"], reverse=True)
+    filter: str = "points that meet for p < 1, pieces joined by their mean weight"
+    labels: npt.NDArray[np.int32]
+    given: bool
+
+    @property
+    def sizes(self) -> list[int]:
+        """How many points each cluster has."""
+        sizes: list[int] = np.bincount(self.labels).tolist()
+        return sizes
+
+    def _told(self) -> dict[str, Any]:
+        return {
+            "points": len(self.labels),
+            "method": "cluster",
+            "filter": self.filter,
+            "clusters": len(self.sizes),
+            "clusters_given": self.given,
+            "sizes": self.sizes,
+            "seconds": round(self.seconds, 4),
+            "version": __version__,
+        }
+
+    def _found(self) -> list[str]:
+        sizes = sorted(self.sizes, reverse=True)
         shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
-        lines.append(f"clusters {report['clusters']}, {'as given' if report['clusters_given'] else 'found'}: {shown}")
-    if "displacement" in report:
-        moved = report["displacement"]
-        lines.append(f"quality  displacement {moved['mean']:.3g} on average, {moved['largest']:.3g} at most")
-    for name, what in (
-        ("surface", "distance to the surface"),
-        ("nearest", "distance to the nearest"),
-        ("point", "points"),
-    ):
-        if name in report.get("reference", {}):
-            error = report["reference"][name]
-            lines.append(f"errors   {what} {error['before']:.4g} -> {error['after']:.4g}, root mean square")
-    if "picture" in report:
-        lines.append(f"picture  {report['picture']}")
-    on = f" on {report['backend']}" if report.get("backend") else ""
-    lines.append(f"done     {report['seconds']:.2f} s{on}; {report['points']} points -> {report['output']}")
-    return "\n".join(lines)
+        return [f"clusters {len(sizes)}, {'as given' if self.given else 'found'}: {shown}"]
+
+    def _size(self) -> str:
+        return f"{len(self.labels)} points"

@@ -1,17 +1,22 @@
-"""Lines that several reports have in common."""
+"""What several reports have in common: lines, and the report on a shape, be it a mesh, points or curves."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from .._version import __version__
+from ..arrays import FloatArray
 from ..files.pictures import Picture
 from ..images.plan import DenoisePlan
 from ..model.result import Result
+
+T = TypeVar("T")
 
 WHITE = {"uint8": " of 255", "uint16": " of 65535"}
 
@@ -85,3 +90,121 @@ def done_line(report: dict[str, Any]) -> str:
         size = f"{report['width']} x {report['height']}"
     size += f", {report['channels']} channel(s){', alpha' if report['alpha'] else ''}"
     return f"done     {report['seconds']:.2f} s on {report['backend']}; {size} -> {report['output']}"
+
+
+@dataclass(frozen=True)
+class Change:
+    """A number before and after."""
+
+    before: Any
+    after: Any
+
+    @classmethod
+    def of(cls, measure: Callable[[T], Any], before: T, after: T) -> Change:
+        """What a measure says of both."""
+        return cls(measure(before), measure(after))
+
+    def as_json(self) -> dict[str, Any]:
+        """Both, as JSON can hold them."""
+        return {"before": self.before, "after": self.after}
+
+    @property
+    def percent(self) -> float:
+        """The latter in percent of the former."""
+        return float(100 * self.after / self.before)
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far vertices have moved."""
+
+    largest: float
+    mean: float
+
+    @classmethod
+    def of(cls, distance: FloatArray) -> Displacement:
+        """That of distances (n,)."""
+        return cls(float(distance.max()), float(distance.mean()))
+
+    def as_json(self) -> dict[str, Any]:
+        """Both numbers, as JSON can hold them."""
+        return {"largest": self.largest, "mean": self.mean}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShapeReport:
+    """What was done with a shape.
+
+    Attributes
+    ----------
+    input, output : Path
+        IN and OUT.
+    filter : str
+        What was done, in a line.
+    results : sequence of Result
+        The runs of the model.
+    seconds : float
+        How long it took.
+    picture : Path or None
+        Where it is drawn.
+    """
+
+    input: Path
+    output: Path
+    filter: str
+    results: Sequence[Result] = ()
+    seconds: float
+    picture: Path | None = None
+
+    @property
+    def backend(self) -> str | None:
+        """Where the model ran; None if it did not."""
+        return self.results[0].backend if self.results else None
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        report = {"input": str(self.input), "output": str(self.output)} | self._told()
+        return report if self.picture is None else report | {"picture": str(self.picture)}
+
+    def lines(self) -> list[str]:
+        """The report for a reader."""
+        on = f" on {self.backend}" if self.backend else ""
+        size = self._size()
+        return [
+            *self._noise(),
+            f"filter   {self.filter}",
+            *self._found(),
+            *([] if self.picture is None else [f"picture  {self.picture}"]),
+            f"done     {self.seconds:.2f} s{on}{f'; {size}' if size else ''} -> {self.output}",
+        ]
+
+    def _told(self) -> dict[str, Any]:
+        """What there is to say, apart from the files."""
+        raise NotImplementedError
+
+    def _noise(self) -> list[str]:
+        """The line on the noise, where there is one."""
+        return []
+
+    def _found(self) -> list[str]:
+        """Lines on what was found."""
+        raise NotImplementedError
+
+    def _size(self) -> str:
+        """How large the shape is."""
+        return ""
+
+    def _runs(self) -> dict[str, Any]:
+        """What there is to say of the runs, and of the program."""
+        return {
+            "iterations": sum(run.iterations for run in self.results),
+            "stop": [run.stop.name.lower() for run in self.results],
+            "backend": self.backend,
+            "seconds": round(self.seconds, 4),
+            "version": __version__,
+        }
+
+
+def noise_line(sigma: float, share: str, estimated: bool) -> str:
+    """The deviation of the noise, and where it is from."""
+    return f"noise    sigma = {sigma:.4g}{share}, {'estimated' if estimated else 'as given'}"

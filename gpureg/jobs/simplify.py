@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .. import weights
+from ..checks import number
 from ..files.picture import Tags
 from ..files.pictures import FORMATS, Picture, PictureError, check_destination, read_picture, write_pictures
-from ..graphs.edges import Metric
-from ..model.problem import Norm
+from ..images.raster import Raster
 from ..progress import progress_bar
-from ..regions.regions import Regions, WeightKind
-from ..regions.simplify import SourceKind, simplify_image
-from ..regions.values import Model
-from ..weights import Weights
-from .simplify_report import Errors, report_of, run_of
+from ..regions.regions import Regions
+from ..regions.simplify import simplify_image
+from .report import about
+from .simplify_report import Errors, RegionRun, SimplifyReport
+from .simplify_settings import Simplification
 from .slices import Layout, beside, inside_of, layout_of
-
-Kind = WeightKind | Literal["bilateral"]
 
 # Outputs that have the picture's cells, and not its channels.
 _ON_CELLS = ("--labels", "--random-colours")
@@ -33,69 +30,7 @@ _ON_CELLS = ("--labels", "--random-colours")
 _SIZES = ("spacing", "unit", "finterval", "fps", "PhysicalSize", "TimeIncrement")
 
 
-@dataclass(frozen=True)
-class Simplification:
-    """What is asked for besides IN and OUT; the fields are the options of ``gpureg simplify``."""
-
-    sources: SourceKind | int = "extrema"
-    markers: Path | None = None
-    smooth: float | None = None
-    metric: Metric = "cityblock"
-    compactness: float = 0.0
-    model: Model = "mean"
-    p: float = 2.0
-    lam: float = 0.05
-    kind: Kind = "similarity"
-    h: float | None = None
-    sigma_space: float | None = None
-    sigma_value: float | None = None
-    norm: Norm = "vertex"
-    rings: int = 1
-    by_size: bool = False
-    solver: Literal["jacobi", "certified"] = "jacobi"
-    max_iter: int = 30
-    tol: float | None = None
-    eps: float | None = None
-    merge: float | None = None
-    backend: str = "auto"
-    dtype: str | None = None
-    axes: str | None = None
-    each: tuple[str, ...] = ()
-    spacing: tuple[float, ...] | Literal["file"] | None = None
-    mask: Path | None = None
-    labels: Path | None = None
-    random_colours: Path | None = None
-    fine: Path | None = None
-
-    def model_of_regions(self) -> dict[str, Any]:
-        """What :func:`gpureg.simplify_image` is told besides the picture, its sources, its mask and its axes.
-
-        Raises
-        ------
-        ValueError
-            Bilateral weights without their reach.
-        """
-        kind: Kind | Weights = self.kind
-        if self.kind == "bilateral":
-            if self.sigma_space is None or self.sigma_value is None:
-                raise ValueError(
-                    "--weights bilateral needs --sigma-space, in pixels or units of --spacing, and --sigma-value, in "
-                    "pixel values"
-                )
-            kind = weights.bilateral(self.sigma_space, self.sigma_value)
-        names = (
-            *("smooth", "metric", "compactness", "model", "p", "lam", "h", "norm", "rings", "by_size"),
-            *("solver", "max_iter", "tol", "eps", "backend", "dtype"),
-        )
-        return {"weights": kind} | {name: getattr(self, name) for name in names}
-
-    def outputs(self, target: Path) -> dict[str, Path]:
-        """The files to write, by the option that names them."""
-        files = {"OUT": target, "--labels": self.labels, "--random-colours": self.random_colours, "--fine": self.fine}
-        return {option: path for option, path in files.items() if path is not None}
-
-
-def simplify_file(source: Path, target: Path, settings: Simplification, *, progress: bool = False) -> dict[str, Any]:
+def simplify_file(source: Path, target: Path, settings: Simplification, *, progress: bool = False) -> SimplifyReport:
     """Simplify the picture, volume or series `source` into the file `target`, and write what is asked for beside it.
 
     All files are written, or none.
@@ -109,8 +44,8 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
 
     Returns
     -------
-    dict
-        What was done, as JSON can hold it.
+    SimplifyReport
+        What was done.
 
     Raises
     ------
@@ -119,8 +54,8 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.simplify_image`.
     """
-    if settings.merge is not None and not settings.merge >= 0:
-        raise ValueError(f"--merge must be >= 0, how far values may be apart that count as one; got {settings.merge}")
+    if settings.merge_tol is not None:
+        number("--merge-tol", settings.merge_tol, low=0, finite=False)
     model = settings.model_of_regions()
     outputs = settings.outputs(target)
     _expect_apart(source, outputs, settings)
@@ -133,7 +68,7 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     kept = None if inside is None else layout.turned(inside, cells)
     markers = None if settings.markers is None else _markers(picture, source, settings.markers, layout)
     arrays: dict[str, list[npt.NDArray[Any]]] = {option: [] for option in outputs}
-    errors, runs, count = Errors(), [], 0
+    errors, runs, count = Errors(), list[RegionRun](), 0
     with progress_bar(progress and len(slices) > 1, len(slices), "slices") as done:
         for i, part in enumerate(slices):
             done(i)
@@ -141,42 +76,35 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
             if mask is not None and not mask.any():
                 parts = _untouched(part, mask.shape)
             else:
+                raster = Raster.of(part, None if picture.channel_axis is None else -1, mask, axes_known=True)
                 regions = simplify_image(
-                    part,
+                    raster,
                     sources=settings.sources if markers is None else markers[i],
-                    mask=mask,
                     spacing=layout.spacing,
-                    channel_axis=None if picture.channel_axis is None else -1,
                     progress=progress and len(slices) == 1,
                     **model,
                 )
-                found = regions if settings.merge is None else regions.merged(settings.merge)
+                found = regions if settings.merge_tol is None else regions.merged(settings.merge_tol)
                 value = found.value
-                errors.add(part, regions.fine, value, mask)
-                runs.append(run_of(regions, found))
+                errors = errors.and_those_of(part, regions.fine, value, mask)
+                runs.append(RegionRun.of(regions, found))
                 parts = _parts(regions, found, value, count)
                 count += found.n_regions
             for option, made in arrays.items():
                 made.append(parts[option]())
         done(len(slices))
     write_pictures({path: _picture(option, arrays[option], picture, layout) for option, path in outputs.items()})
-    asked = {name: getattr(settings, name) for name in ("sources", "model", "metric", "compactness")}
-    asked |= {name: getattr(settings, name) for name in ("p", "lam", "norm", "rings", "by_size")}
-    asked |= {"weights": settings.kind, "smooth_given": settings.smooth is not None}
-    if settings.markers is not None:
-        asked["sources"] = str(settings.markers)
-    for name in ("h", "sigma_space", "sigma_value", "merge"):
-        if getattr(settings, name) is not None:
-            asked[name] = getattr(settings, name)
-    report = report_of(runs, errors, source, target, picture, asked, through=layout.several)
-    if layout.spacing is not None:
-        report["spacing"] = dict(zip(layout.grid, layout.spacing, strict=True))
-    if settings.mask is not None:
-        report |= {"mask": str(settings.mask), "outside_mask": masked}
-    if nans:
-        report["nan"] = nans
-    report |= {option.lstrip("-").replace("-", "_"): str(path) for option, path in outputs.items() if option != "OUT"}
-    return report
+    return SimplifyReport(
+        files=about(source, target, picture),
+        asked=settings,
+        runs=tuple(runs),
+        errors=errors,
+        through=layout.several,
+        spacing=None if layout.spacing is None else dict(zip(layout.grid, layout.spacing, strict=True)),
+        outside_mask=0 if settings.mask is None else masked,
+        nan=nans,
+        outputs={option.lstrip("-").replace("-", "_"): path for option, path in outputs.items() if option != "OUT"},
+    )
 
 
 def _expect_apart(source: Path, outputs: dict[str, Path], settings: Simplification) -> None:

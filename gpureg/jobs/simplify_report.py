@@ -1,10 +1,10 @@
-"""What was done with a picture that was simplified: as JSON can hold it, and in a few lines."""
+"""What was done with a picture that was simplified: :class:`SimplifyReport`, as JSON can hold it and in a few lines."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +12,32 @@ import numpy as np
 import numpy.typing as npt
 
 from .._version import __version__
-from ..files.pictures import Picture
+from ..model.result import Result
 from ..regions.regions import Regions
 from ..regions.simplify import ENOUGH
-from .report import about, axes_line, done_line, left_out, number
+from .report import axes_line, done_line, left_out, number
+from .simplify_settings import Simplification
 
 _SOURCES = {"extrema": "regional extrema of the intensity", "gradient": "regional minima of the gradient"}
 _MODELS = {"mean": "the regions' means", "median": "the regions' medians", "source": "the sources' values"}
+# What of the settings a report says in all cases, and where it is given.
+_ALWAYS = ("sources", "model", "metric", "compactness", "p", "lam", "norm", "rings", "by_size", "weights")
+_IF_GIVEN = ("h", "sigma_space", "sigma_value", "merge_tol")
 
 
-@dataclass
+@dataclass(frozen=True)
 class Errors:
-    """Squared differences from the picture, added up over its pixels that take part, and the range of its values."""
+    """Squared differences from the picture, added up over its pixels that take part, and the range of its values.
+
+    Attributes
+    ----------
+    fine, output : float
+        Sums for the regions before regularization, and for the output.
+    count : int
+        Values that were added up.
+    low, high : float
+        Range of the picture's values.
+    """
 
     fine: float = 0.0
     output: float = 0.0
@@ -31,132 +45,231 @@ class Errors:
     low: float = math.inf
     high: float = -math.inf
 
-    def add(
+    def and_those_of(
         self,
         part: npt.NDArray[Any],
         fine: npt.NDArray[Any],
         value: npt.NDArray[Any],
         inside: npt.NDArray[np.bool_] | None,
-    ) -> None:
-        """Add those of a slice."""
+    ) -> Errors:
+        """These errors, and those of a slice."""
+        of_fine, of_output, count, low, high = self.fine, self.output, self.count, self.low, self.high
         # row by row: as float64 the differences of a large picture would take several times its memory
         for i, row in enumerate(part):
             kept = slice(None) if inside is None else inside[i]
             values = row[kept].astype(np.float64)
             if values.size:
-                self.count += values.size
-                self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
-                self.fine += float(((fine[i][kept] - values) ** 2).sum())
-                self.output += float(((value[i][kept] - values) ** 2).sum())
+                count += values.size
+                low, high = min(low, float(values.min())), max(high, float(values.max()))
+                of_fine += float(((fine[i][kept] - values) ** 2).sum())
+                of_output += float(((value[i][kept] - values) ** 2).sum())
+        return Errors(of_fine, of_output, count, low, high)
 
-    def psnr(self, dtype: npt.DTypeLike) -> dict[str, float | str]:
+    def psnr(self, dtype: npt.DTypeLike) -> dict[str, float]:
         """Peak signal-to-noise ratios in dB; the peak is the range of an integer type, or that of the values."""
         kind = np.dtype(dtype)
         peak = float(np.iinfo(kind).max) if kind.kind == "u" else self.high - self.low
         return {
-            name: number(10 * math.log10(peak**2 * self.count / squares) if squares else math.inf)
+            name: 10 * math.log10(peak**2 * self.count / squares) if squares else math.inf
             for name, squares in (("fine", self.fine), ("output", self.output))
         }
 
 
-def run_of(regions: Regions, found: Regions) -> dict[str, Any]:
-    """What became of one picture or slice: its regions, and `found`, the same or what they were joined to."""
-    result = found.result
-    assert result is not None
-    return (
-        {"regions": regions.n_regions, "percent": regions.percent, "smooth": regions.smooth}
-        | ({} if found is regions else {"merged": found.n_regions})
-        | {"iterations": result.iterations, "stop": result.stop.name.lower(), "eps": result.eps}
-        | {"energy": [number(energy) for energy in result.energy.tolist()]}
-        | ({} if result.gap is None else {"gap": number(result.gap)})
-        | {"stages": {stage: round(seconds, 4) for stage, seconds in found.seconds.items()}, "backend": result.backend}
-    )
+@dataclass(frozen=True)
+class RegionRun:
+    """What became of one picture or slice.
 
+    Attributes
+    ----------
+    regions : int
+    percent : float
+        Regions in percent of the pixels.
+    smooth : float
+        Standard deviation of the Gaussian that the partition looked through, in pixels.
+    merged : int or None
+        Regions after joining, None where none were to be joined.
+    result : Result
+        Of the regularization, without its value.
+    stages : mapping of str to float
+        Seconds by stage.
+    """
 
-def report_of(
-    runs: Sequence[dict[str, Any]],
-    errors: Errors,
-    source: Path,
-    target: Path,
-    picture: Picture,
-    asked: dict[str, Any],
-    *,
-    through: str = "",
-) -> dict[str, Any]:
-    """A report as JSON can hold it; `through` names the axes whose slices were treated one by one."""
-    report = about(source, target, picture) | asked
-    report |= {"each": through, "slices": list(runs)} if through else runs[0]
-    pixels = errors.count // picture.channels
-    report["regions"] = sum(run["regions"] for run in runs)
-    report["percent"] = 100 * report["regions"] / pixels
-    if "merged" in runs[0]:
-        report["merged"] = sum(run["merged"] for run in runs)
-        report["merged_percent"] = 100 * report["merged"] / pixels
-    stages = {stage: round(sum(run["stages"][stage] for run in runs), 4) for stage in runs[0]["stages"]}
-    return report | {
-        "pixels": pixels,
-        "psnr": errors.psnr(picture.pixels.dtype),
-        "stages": stages,
-        "seconds": round(sum(stages.values()), 4),
-        "backend": runs[0]["backend"],
-        "version": __version__,
-    }
+    regions: int
+    percent: float
+    smooth: float
+    merged: int | None
+    result: Result
+    stages: Mapping[str, float]
 
-
-def as_lines(report: dict[str, Any]) -> str:
-    """A report for a reader."""
-    runs = report.get("slices", [report])
-    lines = [] if report.get("axes_named", True) else [axes_line(report)]
-    lines.append(f"sources  {_sources(report['sources'])}{_smoothing(report, runs)}")
-    each = f" in {len(runs)} slices along {report['each']}" if "each" in report else ""
-    lines.append(f"regions  {report['regions']}, {report['percent']:.3g} % of {report['pixels']} pixels{each}")
-    if report.get("nan") or report.get("outside_mask"):
-        lines.append(left_out(report.get("nan", 0), report.get("outside_mask", 0)))
-    lines.append(f"filter   {_filter(report, runs)}")
-    if "merged" in report:
-        lines.append(f"merged   {report['merged']} regions, {report['merged_percent']:.3g} % of the pixels")
-    fine, output = (float(report["psnr"][which]) for which in ("fine", "output"))
-    lines.append(f"quality  PSNR {fine:.2f} dB of {_MODELS[report['model']]}, {output:.2f} dB of OUT")
-    if "gap" in report:
-        lines.append(f"minimum  the energy, {report['energy'][-1]:.6g}, is at most {report['gap']:.2g} above it")
-    lines.append("seconds  " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report["stages"].items()))
-    also = [
-        f"{name.replace('_', ' ')} {report[name]}" for name in ("labels", "random_colours", "fine") if name in report
-    ]
-    if also:
-        lines.append(f"also     {', '.join(also)}")
-    lines.append(done_line(report))
-    return "\n".join(lines)
-
-
-def _sources(sources: str | int) -> str:
-    if isinstance(sources, int):
-        return f"seeds {sources} pixels apart"
-    return _SOURCES.get(sources, f"the markers {sources}")
-
-
-def _smoothing(report: dict[str, Any], runs: Sequence[dict[str, Any]]) -> str:
-    found = sorted({run["smooth"] for run in runs})
-    if found == [0]:
-        return ""
-    reach = f"{found[0]:g}" + (f" to {found[-1]:g}" if len(found) > 1 else "")
-    few = all(run["percent"] <= 100 * ENOUGH for run in runs)
-    chosen = f"the least that leaves one to {1 / ENOUGH:g} pixels" if few else "the largest that is tried"
-    return f", seen through a Gaussian of {reach} pixels, {'as given' if report['smooth_given'] else chosen}"
-
-
-def _filter(report: dict[str, Any], runs: Sequence[dict[str, Any]]) -> str:
-    given = "".join(f", {name} = {report[name]:g}" for name in ("h", "sigma_space", "sigma_value") if name in report)
-    counts = sorted({run["iterations"] for run in runs})
-    iterations = f"{counts[0]}" + (f" to {counts[-1]}" if len(counts) > 1 else "")
-    more = "".join(
-        (
-            "; edge norm" if report["norm"] == "edge" else "",
-            f"; {report['rings']} rings" if report["rings"] > 1 else "",
-            "; lam by size" if report["by_size"] else "",
+    @classmethod
+    def of(cls, regions: Regions, found: Regions) -> RegionRun:
+        """The run that gave these regions, and `found`, the same or what they were joined to."""
+        assert found.result is not None
+        return cls(
+            regions.n_regions,
+            regions.percent,
+            regions.smooth,
+            None if found is regions else found.n_regions,
+            replace(found.result, value=np.empty(0)),
+            {stage: round(seconds, 4) for stage, seconds in found.seconds.items()},
         )
-    )
-    weights = f"{report['weights']} weights{given}{more}"
-    return (
-        f"{weights}; p = {report['p']:g}, lam = {report['lam']:g}, {iterations} iteration{'' if counts == [1] else 's'}"
-    )
+
+    def as_json(self) -> dict[str, Any]:
+        """The run as JSON can hold it."""
+        result = self.result
+        return (
+            {"regions": self.regions, "percent": self.percent, "smooth": self.smooth}
+            | ({} if self.merged is None else {"merged": self.merged})
+            | {"iterations": result.iterations, "stop": result.stop.name.lower(), "eps": result.eps}
+            | {"energy": [number(energy) for energy in result.energy.tolist()]}
+            | ({} if result.gap is None else {"gap": number(result.gap)})
+            | {"stages": dict(self.stages), "backend": result.backend}
+        )
+
+
+@dataclass(frozen=True)
+class SimplifyReport:
+    """What was done with a picture, a volume or a series.
+
+    Attributes
+    ----------
+    files : mapping
+        What :func:`gpureg.jobs.report.about` says of the files and the picture in them.
+    asked : Simplification
+    runs : tuple of RegionRun
+        One for each slice that was simplified.
+    errors : Errors
+    through : str, default ""
+        Letters of the axes whose slices were treated one by one.
+    spacing : mapping of str to float, optional
+        Size of a pixel along each axis, by its letter.
+    outside_mask, nan : int, default 0
+        Pixels that were left out by the mask, and because they are NaN.
+    outputs : mapping of str to Path
+        The files that were written besides OUT, by the name of their option.
+    """
+
+    files: Mapping[str, Any]
+    asked: Simplification
+    runs: tuple[RegionRun, ...]
+    errors: Errors
+    through: str
+    spacing: Mapping[str, float] | None
+    outside_mask: int
+    nan: int
+    outputs: Mapping[str, Path]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that took part."""
+        return int(self.errors.count // self.files["channels"])
+
+    @property
+    def regions(self) -> int:
+        """Regions of all slices."""
+        return sum(run.regions for run in self.runs)
+
+    @property
+    def merged(self) -> int | None:
+        """Regions of all slices after joining, None where none were to be joined."""
+        counts = [run.merged for run in self.runs if run.merged is not None]
+        return sum(counts) if counts else None
+
+    @property
+    def stages(self) -> dict[str, float]:
+        """Seconds by stage, of all slices."""
+        return {stage: round(sum(run.stages[stage] for run in self.runs), 4) for stage in self.runs[0].stages}
+
+    def percent(self, regions: int) -> float:
+        """So many regions in percent of the pixels."""
+        return 100 * regions / self.pixels
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        asked = self.asked
+        report = {**self.files, **{name: getattr(asked, name) for name in _ALWAYS}}
+        report["smooth_given"] = asked.smooth is not None
+        if asked.markers is not None:
+            report["sources"] = str(asked.markers)
+        report |= {name: getattr(asked, name) for name in _IF_GIVEN if getattr(asked, name) is not None}
+        runs = [run.as_json() for run in self.runs]
+        report |= {"each": self.through, "slices": runs} if self.through else runs[0]
+        report |= {"regions": self.regions, "percent": self.percent(self.regions)}
+        if self.merged is not None:
+            report |= {"merged": self.merged, "merged_percent": self.percent(self.merged)}
+        psnr = self.errors.psnr(self.files["dtype"])
+        report |= {
+            "pixels": self.pixels,
+            "psnr": {name: number(value) for name, value in psnr.items()},
+            "stages": self.stages,
+            "seconds": round(sum(self.stages.values()), 4),
+            "backend": self.runs[0].result.backend,
+            "version": __version__,
+        }
+        if self.spacing is not None:
+            report["spacing"] = dict(self.spacing)
+        if asked.mask is not None:
+            report |= {"mask": str(asked.mask), "outside_mask": self.outside_mask}
+        if self.nan:
+            report["nan"] = self.nan
+        return report | {name: str(path) for name, path in self.outputs.items()}
+
+    def lines(self) -> list[str]:
+        """The report for a reader."""
+        report, (first, *_) = self.as_json(), self.runs
+        lines = [] if self.files.get("axes_named", True) else [axes_line(report)]
+        lines.append(f"sources  {self._sources()}{self._smoothing()}")
+        each = f" in {len(self.runs)} slices along {self.through}" if self.through else ""
+        lines.append(f"regions  {self.regions}, {self.percent(self.regions):.3g} % of {self.pixels} pixels{each}")
+        if self.nan or self.outside_mask:
+            lines.append(left_out(self.nan, self.outside_mask))
+        lines.append(f"filter   {self._filter()}")
+        if self.merged is not None:
+            lines.append(f"merged   {self.merged} regions, {self.percent(self.merged):.3g} % of the pixels")
+        psnr = self.errors.psnr(self.files["dtype"])
+        lines.append(
+            f"quality  PSNR {psnr['fine']:.2f} dB of {_MODELS[self.asked.model]}, {psnr['output']:.2f} dB of OUT"
+        )
+        result = first.result
+        if result.gap is not None and not self.through:
+            lines.append(f"minimum  the energy, {result.energy[-1]:.6g}, is at most {result.gap:.2g} above it")
+        lines.append("seconds  " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in self.stages.items()))
+        also = [f"{name.replace('_', ' ')} {path}" for name, path in self.outputs.items()]
+        if also:
+            lines.append(f"also     {', '.join(also)}")
+        lines.append(done_line(report))
+        return lines
+
+    def _sources(self) -> str:
+        sources = self.asked.sources
+        if self.asked.markers is not None:
+            return f"the markers {self.asked.markers}"
+        return f"seeds {sources} pixels apart" if isinstance(sources, int) else _SOURCES[sources]
+
+    def _smoothing(self) -> str:
+        found = sorted({run.smooth for run in self.runs})
+        if found == [0]:
+            return ""
+        reach = f"{found[0]:g}" + (f" to {found[-1]:g}" if len(found) > 1 else "")
+        few = all(run.percent <= 100 * ENOUGH for run in self.runs)
+        chosen = f"the least that leaves one to {1 / ENOUGH:g} pixels" if few else "the largest that is tried"
+        why = chosen if self.asked.smooth is None else "as given"
+        return f", seen through a Gaussian of {reach} pixels, {why}"
+
+    def _filter(self) -> str:
+        asked = self.asked
+        values = {name: getattr(asked, name) for name in ("h", "sigma_space", "sigma_value")}
+        given = "".join(f", {name} = {value:g}" for name, value in values.items() if value is not None)
+        counts = sorted({run.result.iterations for run in self.runs})
+        iterations = f"{counts[0]}" + (f" to {counts[-1]}" if len(counts) > 1 else "")
+        more = "".join(
+            (
+                "; edge norm" if asked.norm == "edge" else "",
+                f"; {asked.rings} rings" if asked.rings > 1 else "",
+                "; lam by size" if asked.by_size else "",
+            )
+        )
+        return (
+            f"{asked.weights} weights{given}{more}; p = {asked.p:g}, lam = {asked.lam:g}, "
+            f"{iterations} iteration{'' if counts == [1] else 's'}"
+        )

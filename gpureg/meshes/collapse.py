@@ -1,4 +1,4 @@
-"""Edges of a triangle mesh collapsed one by one, so that it stays a surface: :class:`Collapses`."""
+"""Collapse edges of a triangle mesh one by one, so that it stays a surface: :class:`Collapses`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Collapses:
         self._hold_borders(faces[solid], normals, areas[solid])
 
     def _hold_borders(self, faces: IntArray, normals: FloatArray, areas: FloatArray) -> None:
-        """Planes through the border edges, across their faces: what is merged along a border stays on it."""
+        """Add planes through the border edges, across their faces: what is merged along a border stays on it."""
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         owner = np.tile(np.arange(len(faces)), 3)
         low = np.sort(edges, axis=1)
@@ -84,14 +84,14 @@ class Collapses:
             np.add.at(self.quadrics, ends[:, k], quadrics)
 
     def costs(self, edges: IntArray) -> FloatArray:
-        """The least sum of squared distances of a point from the planes of both ends of each edge, by area, (k,)."""
+        """Compute the least sum of squared distances from the planes of both ends of each edge, by area, (k,)."""
         both = self.quadrics[edges[:, 0]] + self.quadrics[edges[:, 1]]
         best = _optimum(both, self.x[edges].mean(axis=1))
         cost: FloatArray = _cost(both, best)
         return np.maximum(cost, 0)
 
     def collapse_cheapest(self, edges: IntArray, least: int, most: float = np.inf) -> int:
-        """Collapse edges, always that of the least cost, down to `least` vertices; how many must stay.
+        """Collapse edges, always that of the least cost, down to `least` vertices; return how many must stay.
 
         Edges that cost more than `most` are left. But for the hold to the middle costs only grow as vertices are
         merged: one that was computed before its ends were merged is computed again when its turn comes.
@@ -127,7 +127,7 @@ class Collapses:
         return refused
 
     def root(self, u: int) -> int:
-        """The vertex that u is part of by now."""
+        """Find the vertex that u is part of by now."""
         into = self.into
         while into[u] != u:
             into[u] = into[into[u]]
@@ -213,14 +213,14 @@ class Collapses:
         self.n_vertices -= 1
 
     def labels(self) -> IntArray:
-        """For each vertex the one that it is part of, (n,)."""
+        """Find for each vertex the one that it is part of, (n,)."""
         into = self.into.copy()
         while (into != into[into]).any():
             into = into[into]
         return into
 
     def mesh(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """The vertices that are left on faces, the faces, and which of the vertices these were."""
+        """Return the vertices left on faces, (k, 3), the faces, (F, 3), and which of the vertices these were, (k,)."""
         left = np.array([face for face in self.faces if face is not None], np.int64).reshape(-1, 3)
         kept, faces = np.unique(left, return_inverse=True)
         return self.x[kept], faces.reshape(-1, 3), kept

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +17,16 @@ from ..graphs.of_shapes import adjacent_faces
 from ..model.result import Result
 from ..noise.fidelity import fidelity_to_normals, fidelity_to_values
 from ..noise.graphs import noise_on_graph
+from ..regularization.denoised import Denoised
+from ..regularization.options import Model
 from ..regularization.regularize import regularize
-from ..shapes.surface import face_normals
+from ..shapes.surface import Surface, face_normals
 from ..solvers import Jacobi
+from ..weights import Weights
 from .noise import noise_along_normals, noise_of_normals
 from .normals import fitted_vertices, regularized_normals
 
-Filter = Literal["normals", "vertices"]
+Filter = Literal["normals", "positions"]
 FILTERS: tuple[Filter, ...] = get_args(Filter)
 
 # Rounds in which normals are regularized, and their iterations; a fourth round makes curved shapes worse.
@@ -40,22 +44,67 @@ _FIT = 10
 TAUBIN = (0.5, -0.53)
 
 
-class _Found(NamedTuple):
-    """A function on the vertices, and what :class:`MeshDenoising` says of how it was found."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeshDenoising(Denoised[float]):
+    """What denoising a mesh did: see :class:`Denoised`.
 
-    f: FloatArray
-    filter: str
-    sigma: float
-    estimated: bool
-    p: float
-    lam: float | FloatArray
-    results: list[Result]
+    Attributes
+    ----------
+    filter : {"normals", "positions", "Taubin", "values"}
+    lam : float or array
+        One per vertex if so given, and then for "normals" one per face.
+    surface : Surface
+        The mesh that came in.
+    edge : float
+        Mean length of its edges.
+    """
+
+    WHAT: ClassVar[Mapping[str, str]] = {
+        "normals": "normals of the faces, vertices moved to fit them",
+        "positions": "positions of the vertices",
+        "values": "values at the vertices",
+    }
+
+    surface: Surface
+    edge: float
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Where the vertices are now, (n, 3)."""
+        return self.value if self.moves else self.surface.vertices
+
+    def describe(self) -> str:
+        """The filter and its parameters, in a line."""
+        if self.filter == "Taubin":
+            return f"Taubin's pair of steps, {TAUBIN[0]} and {TAUBIN[1]}, {self.iterations} steps"
+        return super().describe()
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A function f0 on the vertices of a mesh without copies, and what was asked for."""
+    """A function on the vertices of a mesh without copies, and what was asked for.
 
+    Attributes
+    ----------
+    surface : Surface
+        The mesh that came in, n vertices.
+    faces : (F, 3) int array
+        Its triangles on the k vertices without copies.
+    graph : Graph
+        That of these, with their positions around the mean.
+    f0 : (k, m) float array
+        The function.
+    pinned : (k,) bool array
+        Vertices that keep their place or value.
+    lam : float, (k,) array or None
+    sigma, p : float or None
+    weights : Weights, array or None
+    max_iter : int or None
+    options : Model
+        What else :func:`gpureg.regularize` is told.
+    """
+
+    surface: Surface
     faces: IntArray
     graph: Graph
     f0: FloatArray
@@ -63,8 +112,9 @@ class Task:
     lam: float | FloatArray | None
     sigma: float | None
     p: float | None
-    model: dict[str, Any]
+    weights: Weights | npt.ArrayLike | None
     max_iter: int | None
+    options: Model
 
     @property
     def positions(self) -> FloatArray:
@@ -83,8 +133,8 @@ class Task:
         """Noise of the normals of the faces."""
         return noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces))
 
-    def filtered(self, filter: Filter) -> _Found:
-        """Positions, by themselves or by the normals of their faces."""
+    def filtered(self, filter: Filter) -> MeshDenoising:
+        """Regularize the positions, by themselves or by the normals of their faces."""
         estimated = self.sigma is None
         sigma = self.sigma
         if sigma is None:
@@ -93,27 +143,44 @@ class Task:
             return self._by_normals(sigma, estimated)
         p = 2.0 if self.p is None else self.p
         lam = self.edge ** (p - 1) * 2 ** (p - 3) / sigma if sigma > 0 and self.edge > 0 else math.inf
-        return self._regularized("vertices", sigma, estimated, p, lam)
+        return self._regularized("positions", sigma, estimated, p, lam)
 
-    def values(self) -> _Found:
-        """Values other than positions."""
+    def values(self) -> MeshDenoising:
+        """Regularize values other than positions."""
         sigma = noise_on_graph(self.f0, self.graph) if self.sigma is None else self.sigma
         p = 1.0 if self.p is None else self.p
         lam = fidelity_to_values(self.graph, sigma, p, self.f0.shape[1])
         return self._regularized("values", sigma, self.sigma is None, p, lam)
 
-    def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> _Found:
-        """The function on the graph of the mesh, by the fidelity given or the rule's."""
-        lam = rule if self.lam is None else self.lam
-        if isinstance(lam, float) and math.isinf(lam):
-            return _Found(self.f0, name, sigma, estimated, p, lam, [])
-        held = np.where(self.pinned, math.inf, lam) if self.pinned.any() else lam
-        most = 100 if self.max_iter is None else self.max_iter
-        result = regularize(self.f0, self.graph, p=p, lam=held, max_iter=most, **self.model)
-        return _Found(result.value.astype(np.float64), name, sigma, estimated, p, lam, [result])
+    def _found(
+        self,
+        value: FloatArray,
+        filter: str,
+        results: Iterable[Result],
+        *,
+        sigma: float,
+        estimated: bool,
+        p: float,
+        lam: float | FloatArray,
+    ) -> MeshDenoising:
+        return MeshDenoising(
+            value=value, filter=filter, results=tuple(results), sigma=sigma, estimated=estimated, p=p, lam=lam,
+            surface=self.surface, edge=self.edge,
+        )  # fmt: skip
 
-    def _by_normals(self, sigma: float, estimated: bool) -> _Found:
-        """Vertices fitted to the normals by the fidelity given, or the rule's.
+    def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> MeshDenoising:
+        """Regularize the function on the graph of the mesh, by the fidelity given or the rule's."""
+        lam = rule if self.lam is None else self.lam
+        f, results = self.f0, []
+        if not (isinstance(lam, float) and math.isinf(lam)):
+            held = np.where(self.pinned, math.inf, lam) if self.pinned.any() else lam
+            most = 100 if self.max_iter is None else self.max_iter
+            results = [regularize(f, self.graph, p=p, lam=held, weights=self.weights, max_iter=most, **self.options)]
+            f = results[0].value.astype(np.float64)
+        return self._found(f, name, results, sigma=sigma, estimated=estimated, p=p, lam=lam)
+
+    def _by_normals(self, sigma: float, estimated: bool) -> MeshDenoising:
+        """Fit the vertices to regularized normals, by the fidelity given or the rule's.
 
         The rule's is four times as large as long as vertices move by more than noise would. Where triangles are long
         and thin, or few for what is round, the noise of normals tells of the shape: a cylinder of 64 vertices lost all
@@ -122,33 +189,40 @@ class Task:
         lam = fidelity_to_normals(self.turned)
         found = self._fitted(sigma, estimated, lam)
         for _ in range(_TRIES):
-            moved = float(np.sqrt(((found.f - self.f0) ** 2).sum(axis=1).mean()))
+            moved = float(np.sqrt(((found.value - self.f0) ** 2).sum(axis=1).mean()))
             if self.lam is not None or not found.results or moved <= _BELIEVABLE * sigma:
                 break
             lam *= 4
             found = self._fitted(sigma, estimated, lam)
         return found
 
-    def _fitted(self, sigma: float, estimated: bool, rule: float) -> _Found:
+    def _fitted(self, sigma: float, estimated: bool, rule: float) -> MeshDenoising:
         p = 1.0 if self.p is None else self.p
         lam = self.lam
         if isinstance(lam, np.ndarray):
             lam = lam[self.faces].mean(axis=1)
-        model = self.model | {"max_iter": _ITERATIONS if self.max_iter is None else self.max_iter}
-        rounds = _ROUNDS if self.model["weights"] is None else 1
         used = rule if lam is None else lam
-        normals, results = regularized_normals(self.positions, self.faces, used, p=p, rounds=rounds, **model)
+        normals, results = regularized_normals(
+            self.positions,
+            self.faces,
+            used,
+            p=p,
+            weights=self.weights,
+            rounds=_ROUNDS if self.weights is None else 1,
+            max_iter=_ITERATIONS if self.max_iter is None else self.max_iter,
+            **self.options,
+        )
         f = self.f0
         if results:
             f = fitted_vertices(self.positions, self.faces, normals, ~self.pinned, _FIT)
-        return _Found(f, "normals", sigma, estimated, p, used, results)
+        return self._found(f, "normals", results, sigma=sigma, estimated=estimated, p=p, lam=used)
 
-    def taubin(self) -> _Found:
-        """Steps towards the mean of the neighbours and away from it in turn."""
+    def taubin(self) -> MeshDenoising:
+        """Take steps towards the mean of the neighbours and away from it in turn."""
         f, results = self.f0, []
-        model = self.model | {"solver": Jacobi(damping=1), "tol": None}
+        options: Model = {**self.options, "solver": Jacobi(damping=1), "tol": None}
         for k in range(10 if self.max_iter is None else self.max_iter):
-            results.append(regularize(f, self.graph, p=2, lam=0, max_iter=1, **model))
+            results.append(regularize(f, self.graph, p=2, lam=0, weights=self.weights, max_iter=1, **options))
             step = TAUBIN[k % 2] * (results[-1].value - f)
             f = np.where(self.pinned[:, None], f, f + step)
-        return _Found(f, "Taubin", 0.0, False, 2.0, 0.0, results)
+        return self._found(f, "Taubin", results, sigma=0.0, estimated=False, p=2.0, lam=0.0)

@@ -1,4 +1,4 @@
-"""How noisy a mesh is, or a function on any graph: robust deviations of differences (:func:`estimate_mesh_noise`)."""
+"""Estimate how noisy a mesh is, by robust deviations of differences: :func:`estimate_mesh_noise`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import adjacent_faces, mesh_graph
 from ..noise.graphs import MEDIAN, averaging, second_differences
@@ -19,7 +20,7 @@ _ACROSS, _TILT = 0.82, 1.2
 
 
 def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: float) -> float:
-    """:func:`estimate_mesh_noise` of a mesh whose graph is at hand, and the noise of its faces' normals, `turned`."""
+    """Estimate the noise of a mesh as :func:`estimate_mesh_noise`, its graph and the noise of its normals known."""
     heights = ((v - averaging(graph) @ v) * vertex_normals(v, faces)).sum(axis=1)
     differences = np.abs(second_differences(v, graph, heights))
     if not differences.size:
@@ -30,7 +31,7 @@ def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: fl
 
 
 def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
-    """The median distance of a face's unit normal from the mean of those across its edges; faces u and v share one.
+    """Compute the median distance of a unit normal from the mean of those across edges, which faces u and v share.
 
     At most what the median distance across an edge says: of a part made for a machine many a face lies at a crease,
     and yet most edges are flat.
@@ -46,6 +47,7 @@ def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
     return min(float(np.median(apart[there])), _ACROSS * float(np.median(across)) if across.size else 0.0)
 
 
+@door
 def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None) -> float:
     """Estimate the deviation of noise on a mesh's vertices, along the normals, in the units of its coordinates.
 

@@ -1,8 +1,8 @@
-"""Face normals as a function on the graph of faces: regularized, and vertices moved to fit them."""
+"""Regularize face normals, a function on the graph of faces, and move vertices to fit them."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from ..graphs.of_shapes import face_graph
 from ..model.result import Result
+from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.surface import face_normals
 from ..weights import Weights, bilateral, guided
@@ -30,28 +31,33 @@ def regularized_normals(
     p: float,
     weights: Weights | npt.ArrayLike | None,
     rounds: int,
-    **model: Any,
+    max_iter: int,
+    **options: Unpack[Model],
 ) -> tuple[FloatArray, list[Result]]:
-    """Unit face normals regularized on the graph of faces that share a vertex, (F, 3).
+    """Regularize unit face normals, (F, 3), on the graph of faces that share a vertex.
 
     Parameters
     ----------
-    vertices, faces : arrays
+    vertices : (n, 3) float array
+    faces : (F, 3) int array
     lam : float or (F,) array
-        As :func:`fidelity_to_normals` of their noise.
+        Fidelity; :func:`gpureg.noise.fidelity.fidelity_to_normals` chooses it by the noise of the normals.
     p : float
+        Degree of regularity.
     weights : Weights or array, optional
         None: 1 in the first round, then exp(-|n(u) - n(v)|^2 / 0.35^2) of the normals of the round before, which lets
         creases stand that noise hid at first.
     rounds : int
         How often the normals of the mesh are regularized, each time with better weights; once where weights are given.
-    **model
+    max_iter : int
+        Iterations of each round at most.
+    **options
         What else :func:`gpureg.regularize` is told.
 
     Returns
     -------
     tuple
-        The normals, and the result of each round.
+        The normals, (F, 3), and the result of each round.
     """
     n0 = face_normals(vertices, faces)
     if isinstance(lam, float) and np.isinf(lam):
@@ -64,13 +70,13 @@ def regularized_normals(
     normals = n0
     for k in range(1 if weights is not None else rounds):
         chosen = guided(bilateral(np.inf, REACH), normals) if weights is None and k > 0 else weights
-        results.append(regularize(n0, graph, p=p, lam=fidelity, weights=chosen, **model))
+        results.append(regularize(n0, graph, p=p, lam=fidelity, weights=chosen, max_iter=max_iter, **options))
         normals = _units(results[-1].value.astype(np.float64), n0)
     return normals, results
 
 
 def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
-    """The vectors at length 1; what has none is what it was."""
+    """Scale vectors (F, 3) to length 1; what has none is what it was."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1), instead)
 
@@ -78,7 +84,7 @@ def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
 def fitted_vertices(
     vertices: FloatArray, faces: IntArray, normals: FloatArray, moves: npt.NDArray[Any], steps: int
 ) -> FloatArray:
-    """Vertices moved so that the faces stand on given normals, (n, 3).
+    """Move vertices so that the faces stand on given normals, (n, 3).
 
     Each step moves every vertex v by moves(v) times the mean over its faces of n_f (n_f . (c_f - v)), where c_f is the
     mean of the corners: the update of Sun, Rosin, Martin and Langbein (IEEE TVCG 13(5), 2007), which lessens

@@ -1,4 +1,4 @@
-"""Triangle meshes in and out of files, through trimesh: PLY, OBJ, OFF and STL."""
+"""Read mesh files, through trimesh: PLY, OBJ, OFF and STL."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, IntArray
+from ..doors import door
 from ..files.pictures import PictureError
 from ..shapes.surface import surface_of
 
@@ -66,6 +67,7 @@ class MeshFile:
     dtype: np.dtype[Any]
 
 
+@door
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a triangle mesh from a PLY, OBJ, OFF or STL file, its vertices and faces in the order of the file.
 
@@ -109,7 +111,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
 
 def check_format(path: str | os.PathLike[str]) -> str:
-    """The format that the extension of a mesh's file names.
+    """Return the format that the extension of a mesh's file names.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def check_format(path: str | os.PathLike[str]) -> str:
 
 
 def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, np.dtype[Any]]:
-    """The one mesh in a file, and the type of its coordinates."""
+    """Load the one mesh in a file, and say the type of its coordinates."""
     import trimesh
 
     # a vertex with two places in a texture would lose one of them
@@ -185,7 +187,7 @@ def _fault_of_obj(data: bytes) -> str:
 
 
 def _fault_of_off(data: bytes) -> str:
-    """Lines that are missing, of which trimesh takes as many as there are."""
+    """Say what is missing of the lines, of which trimesh takes as many as there are."""
     start, _, rest = re.sub(rb"#.*", b"", data).partition(b"OFF")
     lines = [line.split() for line in rest.splitlines() if line.strip()]
     if start.strip(b"C \t\r\n") or not lines or not all(word.isdigit() for word in lines[0]) or len(lines[0]) < 2:
@@ -199,7 +201,7 @@ def _fault_of_off(data: bytes) -> str:
 
 
 def _fault_of_stl(data: bytes) -> str:
-    """A length that is not the one announced, for which trimesh would go on to read it as text."""
+    """Say where a length is not the one announced, for which trimesh would go on to read it as text."""
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         return "" if b"endsolid" in data.lower() else "its text does not end with endsolid"
     if len(data) < 84:
@@ -217,7 +219,7 @@ def _shown(line: bytes) -> str:
 
 
 def _utf8(data: bytes) -> bytes:
-    """Text whose comments may be in another encoding."""
+    """Recode text whose comments may be in another encoding."""
     try:
         data.decode()
     except UnicodeDecodeError:
@@ -226,7 +228,7 @@ def _utf8(data: bytes) -> bytes:
 
 
 def _plain_obj(data: bytes) -> bytes:
-    """An OBJ file without normals.
+    """Take the normals out of an OBJ file.
 
     A vertex with two normals would be read as two: they would tear at creases, and the order would be lost.
     """

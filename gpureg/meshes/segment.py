@@ -1,23 +1,25 @@
-"""Hierarchical segmentation of meshes by p -> 0, as the paper's outlook has it: :func:`segment_mesh`."""
+"""Segment meshes hierarchically, by p -> 0, as the paper's outlook proposes: :func:`segment_mesh`."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_values
+from ..checks import number
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import face_graph
 from ..model.result import Result
+from ..regularization.options import RUN, Run
 from ..regularization.pieces import Labels, coarser, whole
 from ..shapes.surface import face_normals, face_vectors, surface_of
 from ..solvers import Solver
-from ..solvers.loop import Callback
 
 # Fidelities where none are given: from those at which all but flat parts fall apart to those at which a part is all.
 _LAMS = tuple(3.0 * 2.0**-k for k in range(12))
@@ -33,23 +35,23 @@ class MeshSegmentation:
     ----------
     levels : tuple of (F,) int32 arrays
         The segment of each face, one array per fidelity; each segment is a union of those of the level before.
-    lams : tuple of float
+    lam : tuple of float
         The fidelity of each level.
     results : tuple of Result
         The run of each level.
     """
 
     levels: tuple[Labels, ...]
-    lams: tuple[float, ...]
+    lam: tuple[float, ...]
     results: tuple[Result, ...]
 
     @property
     def n_segments(self) -> tuple[int, ...]:
-        """How many segments each level has."""
+        """The number of segments of each level."""
         return tuple(int(labels.max()) + 1 for labels in self.levels)
 
     def at_most(self, n: int) -> Labels:
-        """The finest level with at most `n` segments.
+        """Find the finest level with at most `n` segments.
 
         Raises
         ------
@@ -62,33 +64,31 @@ class MeshSegmentation:
         raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: go on to a smaller lam")
 
 
+@door(options=RUN)
 def segment_mesh(
     mesh: Any,
     faces: npt.ArrayLike | None = None,
-    lams: Sequence[float] | None = None,
     *,
+    lam: Sequence[float] | None = None,
     values: npt.ArrayLike | None = None,
     p: float = 0.1,
     weights: npt.ArrayLike | None = None,
-    met_at: float | None = None,
+    merge_tol: float | None = None,
     norm: Literal["vertex", "edge"] = "edge",
     eps: float | None = None,
     solver: str | Solver = "jacobi",
     max_iter: int = 200,
     tol: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
+    **options: Unpack[Run],
 ) -> MeshSegmentation:
     """Segment a mesh into parts on which a function is nearly constant, coarser and coarser as lam falls.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices, (n, 3), with `faces` besides.
+        Or the vertices, (n, 3), and `faces` too.
     faces : (F, 3) int array, optional
-    lams : sequence of float, optional
+    lam : sequence of float, optional
         Fidelities > 0, each smaller than the one before. None: 3, 1.5, 0.75, ... twelve of them.
     values : (F,) or (F, m) array, optional
         A function on the faces. None: their unit normals, for parts of one direction each.
@@ -97,15 +97,15 @@ def segment_mesh(
     weights : array, optional
         One number >= 0 per directed edge of :func:`gpureg.face_graph`. None: the length of the edge that two faces
         share, over the mean length.
-    met_at : float, optional
+    merge_tol : float, optional
         Faces whose regularized values differ by less have met. None: 0.05; with `values` 0.05 of their range.
     norm : {"edge", "vertex"}, default "edge"
         "edge" lets two parts meet at a time, for a sequence in small steps; with "vertex" all strips of a curved part
         meet at once.
-    solver, max_iter, tol, backend, dtype, callback, progress
+    solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
     eps : float, optional
-        As there; None: a fifth of `met_at`.
+        As there; None: a fifth of `merge_tol`.
 
     Returns
     -------
@@ -129,17 +129,19 @@ def segment_mesh(
     --------
     >>> import trimesh, gpureg as gr
     >>> box = trimesh.creation.box().subdivide().subdivide()
-    >>> found = gr.segment_mesh(box, lams=[1.0, 0.001], backend="numpy")
+    >>> found = gr.segment_mesh(box, lam=[1.0, 0.001], backend="numpy")
     >>> found.n_segments
     (6, 1)
     """
     surface, _ = surface_of(mesh, faces).welded()
-    steps = _LAMS if lams is None else tuple(float(lam) for lam in lams)
+    if lam is not None and np.ndim(lam) != 1:
+        raise ValueError(f"lam must be a list of fidelities, one a level, got {lam!r}")
+    steps = _LAMS if lam is None else tuple(number("lam", one, finite=False) for one in lam)
     falls = all(a > b for a, b in itertools.pairwise(steps))
     if not steps or not falls or not (steps[-1] > 0 and np.isfinite(steps[0])):
-        raise ValueError(f"lams must be finite, > 0 and fall, one after another, got {list(steps)}")
-    if met_at is not None and not (np.isfinite(met_at) and met_at > 0):
-        raise ValueError(f"met_at must be finite and > 0, got {met_at}")
+        raise ValueError(f"lam must be finite, > 0 and fall, one after another, got {list(steps)}")
+    if merge_tol is not None:
+        number("merge_tol", merge_tol, above=0)
     v, corners = surface.vertices, surface.faces
     graph = face_graph(v, corners)
     areas = np.linalg.norm(face_vectors(v, corners), axis=1)
@@ -148,31 +150,21 @@ def segment_mesh(
     else:
         f = checked_values(values, len(corners)).astype(np.float64)
         apart = _MET * float(np.linalg.norm(np.ptp(f, axis=0)))
-    apart = apart if met_at is None else float(met_at)
+    apart = apart if merge_tol is None else float(merge_tol)
     # a face without area has no normal, and no say
     mass = areas / areas.mean() if areas.any() else np.ones_like(areas)
     w = _borders(v, corners, graph) if weights is None else np.asarray(weights)
+    smoothing = (apart * _EPS / _MET or 1.0) if eps is None else eps
     path = coarser(
-        whole(f, graph, w, mass),
-        steps,
-        p=p,
-        met_at=apart,
-        norm=norm,
-        eps=(apart * _EPS / _MET or 1.0) if eps is None else eps,
-        solver=solver,
-        max_iter=max_iter,
-        tol=tol,
-        backend=backend,
-        dtype=dtype,
-        callback=callback,
-        progress=progress,
-    )
+        whole(f, graph, w, mass), steps, p=p, met_at=apart, norm=norm, eps=smoothing, solver=solver,
+        max_iter=max_iter, tol=tol, **options,
+    )  # fmt: skip
     found = list(path)
     return MeshSegmentation(tuple(level.labels for level in found), steps, found[-1].results)
 
 
 def _borders(v: FloatArray, faces: IntArray, graph: Graph) -> FloatArray:
-    """The length of the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
+    """Measure the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
     one, other = faces[graph.edge_rows()], faces[graph.indices]
     shared = (one[:, :, None] == other[:, None, :]).any(axis=2)
     # the two corners that are shared come last

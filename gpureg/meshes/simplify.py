@@ -1,21 +1,25 @@
-"""Fewer vertices for meshes, by p < 1: :func:`simplify_mesh` (section 5.3, figure 8)."""
+"""Simplify meshes, by p < 1: :func:`simplify_mesh` (section 5.3, figure 8)."""
 
 from __future__ import annotations
 
+import functools
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..checks import integer, number
+from ..doors import door, part_of
 from ..graphs.of_shapes import mesh_graph
 from ..model.result import Result
+from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..shapes.surface import Surface, surface_of, vertex_normals
 from ..solvers import Solver
-from ..solvers.loop import Callback
 from ..weights import Weights, bilateral, guided
 from .collapse import Collapses
 
@@ -37,12 +41,16 @@ _MET = 0.1
 
 @dataclass(frozen=True, eq=False)
 class MeshSimplification:
-    """What :func:`simplified` made of a mesh.
+    """What simplifying a mesh of n vertices did.
 
     Attributes
     ----------
-    vertices, faces : (k, 3) arrays
-        The simpler mesh; vertices in no face are gone.
+    surface : Surface
+        The mesh that came in.
+    vertices : (k, 3) float array
+        Those of the simpler mesh; vertices in no face are gone.
+    faces : (F, 3) int array
+        Its triangles.
     kept : (k,) int array
         A vertex of the mesh that came for each, whose attributes it has.
     labels : (n,) int array
@@ -54,8 +62,10 @@ class MeshSimplification:
     results : list of Result
         The run of each round.
     seconds : float
+        How long it took.
     """
 
+    surface: Surface
     vertices: FloatArray
     faces: IntArray
     kept: IntArray
@@ -66,7 +76,7 @@ class MeshSimplification:
     seconds: float
 
 
-def simplify_mesh(
+def simplified(
     mesh: Any,
     faces: npt.ArrayLike | None = None,
     *,
@@ -79,17 +89,71 @@ def simplify_mesh(
     solver: str | Solver = "jacobi",
     max_iter: int = 500,
     tol: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-) -> Any:
+    **options: Unpack[Run],
+) -> MeshSimplification:
+    """Simplify a mesh, and say all that there is to say about it: the work of :func:`simplify_mesh`.
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`simplify_mesh`.
+    """
+    begin = time.perf_counter()
+    surface = surface_of(mesh, faces)
+    if n_vertices is not None and integer("n_vertices", n_vertices) < 4:
+        raise ValueError(f"n_vertices must be at least 4, those of a tetrahedron; got {n_vertices}")
+    least = 0 if n_vertices is None else int(n_vertices)
+    number("lam", lam, low=0)
+
+    process = functools.partial(
+        regularize, p=p, lam=lam, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, **options
+    )
+    whole, which = surface.welded()
+    labels, kept = which, _first(which, len(whole.vertices))
+    # squares of coordinates far from the origin would have no digits left for distances
+    centre = whole.vertices.mean(axis=0)
+    v, triangles = whole.vertices - centre, whole.faces
+    met = refused = 0
+    results: list[Result] = []
+    quadrics: FloatArray | None = None
+    share = 1.0 if n_vertices is None else _CHEAP
+    while True:
+        before = len(np.unique(triangles))
+        if n_vertices is not None and before <= least and results:
+            break
+        dear = _DEAR if n_vertices is None and weights is None else np.inf
+        if weights is None or results:
+            # those given were for the first graph; the coarser a mesh, the further apart are neighbouring normals
+            weights = guided(bilateral(np.inf, _REACH * 2 ** len(results)), vertex_normals(v, triangles))
+        v, triangles, part, which_kept, counts, result, quadrics = _round(
+            v, triangles, quadrics, least, share, dear, weights, process
+        )
+        labels = np.where(labels >= 0, part[np.maximum(labels, 0)], -1)
+        kept = kept[which_kept]
+        met, refused = met + counts[0], refused + counts[1]
+        results.append(result)
+        if n_vertices is None:
+            break
+        if len(v) >= before:
+            # nothing cheap is left: half of the rest, and at last all
+            if share == 1 or not counts[0]:
+                break
+            share = (1 + share) / 2 if share < 0.95 else 1.0
+        else:
+            share = _CHEAP
+    spent = time.perf_counter() - begin
+    return MeshSimplification(surface, v + centre, triangles, kept, labels, met, refused, results, spent)
+
+
+@door(options=RUN)
+@part_of(simplified)
+def simplify_mesh(found: MeshSimplification) -> Any:
     """Simplify a triangle mesh: the vertices that meet when their positions are regularized with p < 1 become one.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices, (n, 3), with `faces` besides. Vertices on exactly the same point count as one.
+        Or the vertices, (n, 3), and `faces` too. Vertices on exactly the same point count as one.
     faces : (F, 3) int array, optional
     n_vertices : int, optional
         How many vertices to leave, at least 4: as many rounds are done as that takes, each collapsing the cheaper half
@@ -106,7 +170,7 @@ def simplify_mesh(
         ``weights=gpureg.weights.constant()`` is figure 8.
     eps : float, default 1e-3
         Smoothing of the gradient norm, in mean edges.
-    norm, solver, max_iter, tol, backend, dtype, callback, progress
+    norm, solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
     Returns
@@ -143,77 +207,11 @@ def simplify_mesh(
     >>> len(vertices), round(gr.metrics.area((vertices, faces)))
     (9, 64)
     """
-    surface = surface_of(mesh, faces)
-    found = simplified(
-        surface, n_vertices=n_vertices, p=p, lam=lam, weights=weights, norm=norm, eps=eps, solver=solver,
-        max_iter=max_iter, tol=tol, backend=backend, dtype=dtype, callback=callback, progress=progress,
-    )  # fmt: skip
-    return surface.like(found.vertices, found.faces, found.kept)
-
-
-def simplified(
-    surface: Surface,
-    *,
-    n_vertices: int | None = None,
-    p: float = 0.1,
-    lam: float = 0.001,
-    weights: Weights | npt.ArrayLike | None = None,
-    eps: float = 1e-3,
-    max_iter: int = 500,
-    **model: Any,
-) -> MeshSimplification:
-    """:func:`simplify_mesh` of a surface, with all that there is to say about it.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`simplify_mesh`.
-    """
-    begin = time.perf_counter()
-    if n_vertices is not None and (isinstance(n_vertices, bool) or not isinstance(n_vertices, int | np.integer)):
-        raise TypeError(f"n_vertices must be an integer, got {n_vertices!r}")
-    if n_vertices is not None and n_vertices < 4:
-        raise ValueError(f"n_vertices must be at least 4, those of a tetrahedron; got {n_vertices}")
-    least = 0 if n_vertices is None else int(n_vertices)
-    model |= {"p": p, "lam": lam, "eps": eps, "max_iter": max_iter}
-    whole, which = surface.welded()
-    labels, kept = which, _first(which, len(whole.vertices))
-    # squares of coordinates far from the origin would have no digits left for distances
-    centre = whole.vertices.mean(axis=0)
-    v, faces = whole.vertices - centre, whole.faces
-    met = refused = 0
-    results: list[Result] = []
-    quadrics: FloatArray | None = None
-    share = 1.0 if n_vertices is None else _CHEAP
-    while True:
-        before = len(np.unique(faces))
-        if n_vertices is not None and before <= least and results:
-            break
-        dear = _DEAR if n_vertices is None and weights is None else np.inf
-        if weights is None or results:
-            # those given were for the first graph; the coarser a mesh, the further apart are neighbouring normals
-            weights = guided(bilateral(np.inf, _REACH * 2 ** len(results)), vertex_normals(v, faces))
-        v, faces, part, which_kept, counts, result, quadrics = _round(
-            v, faces, quadrics, least, share, dear, weights, model
-        )
-        labels = np.where(labels >= 0, part[np.maximum(labels, 0)], -1)
-        kept = kept[which_kept]
-        met, refused = met + counts[0], refused + counts[1]
-        results.append(result)
-        if n_vertices is None:
-            break
-        if len(v) >= before:
-            # nothing cheap is left: half of the rest, and at last all
-            if share == 1 or not counts[0]:
-                break
-            share = (1 + share) / 2 if share < 0.95 else 1.0
-        else:
-            share = _CHEAP
-    return MeshSimplification(v + centre, faces, kept, labels, met, refused, results, time.perf_counter() - begin)
+    return found.surface.like(found.vertices, found.faces, found.kept)
 
 
 def _first(which: IntArray, k: int) -> IntArray:
-    """A vertex that came, the first, for each that is left of copies."""
+    """Find for each vertex that is left of copies the first of them, (k,)."""
     first: IntArray = np.unique(which, return_index=True)[1]
     assert len(first) == k
     return first
@@ -227,9 +225,9 @@ def _round(
     share: float,
     dear: float,
     weights: Weights | npt.ArrayLike,
-    model: dict[str, Any],
+    process: Callable[..., Result],
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
-    """One run of the process and its collapses, the cheapest first, down to `least` vertices.
+    """Run the process once and collapse edges, the cheapest first, down to `least` vertices.
 
     Of the edges that met only a share, the cheapest, is collapsed. Vertices and faces left, which of them each
     vertex has become (-1: none), a vertex that each of them was, how many edges met and how many of these were refused,
@@ -238,7 +236,7 @@ def _round(
     graph = mesh_graph(v, faces)
     u, w = graph.edge_rows(), graph.indices
     length = float(np.linalg.norm(v[u] - v[w], axis=1).mean()) if len(u) else 1.0
-    result = regularize((v - v.mean(axis=0)) / length, graph, weights=weights, **model)
+    result = process((v - v.mean(axis=0)) / length, graph, weights=weights)
     f = result.value
     edges = np.stack([u, w], axis=1)[u < w].astype(np.int64)
     edges = edges[np.linalg.norm(f[edges[:, 0]] - f[edges[:, 1]], axis=1) < _MET]
@@ -247,8 +245,8 @@ def _round(
     if share < 1 and len(edges):
         most = max(float(np.quantile(collapses.costs(edges), share)), _NOTHING * length**4)
     refused = collapses.collapse_cheapest(edges, least, most)
-    left, triangles, number = collapses.mesh()
+    left, triangles, kept = collapses.mesh()
     place = np.full(len(v), -1)
-    place[number] = np.arange(len(number))
+    place[kept] = np.arange(len(kept))
     counts = len(edges), refused
-    return left, triangles, place[collapses.labels()], number, counts, result, collapses.quadrics[number]
+    return left, triangles, place[collapses.labels()], kept, counts, result, collapses.quadrics[kept]

@@ -1,4 +1,4 @@
-"""Mesh files written."""
+"""Write mesh files: :func:`write_mesh`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..doors import door
 from ..files.pictures import check_place, write_atomically
 from ..shapes.surface import surface_of
 from .reading import CHANNELS, check_format
@@ -27,6 +28,7 @@ _PLY_TYPES = {
 }
 
 
+@door
 def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike | None = None) -> None:
     """Write a triangle mesh in the format that the extension names, whole or not at all.
 
@@ -51,11 +53,11 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
     Examples
     --------
     >>> import os, tempfile
-    >>> from gpureg.meshes.reading import read_mesh, write_mesh
+    >>> import gpureg as gr
     >>> tetrahedron = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_mesh(os.path.join(folder, "a.ply"), tetrahedron)
-    ...     found = read_mesh(os.path.join(folder, "a.ply"))
+    ...     gr.write_mesh(os.path.join(folder, "a.ply"), tetrahedron)
+    ...     found = gr.read_mesh(os.path.join(folder, "a.ply"))
     >>> found.faces.shape, found.dtype, float(found.vertices[3, 2])
     ((4, 3), dtype('float64'), 0.1)
     """
@@ -65,7 +67,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
 
 
 def encode_mesh(path: str | os.PathLike[str], mesh: Any, dtype: npt.DTypeLike | None = None) -> bytes:
-    """What :func:`write_mesh` writes to a file of that name.
+    """Encode a mesh as :func:`write_mesh` writes it to a file of that name.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def _encoded(kind: str, mesh: Any, dtype: np.dtype[Any]) -> bytes:
 
 
 def _ply(mesh: Any, dtype: np.dtype[Any]) -> bytes:
-    """A binary PLY file; trimesh would narrow coordinates to float32."""
+    """Encode a binary PLY file; trimesh would narrow coordinates to float32."""
     colours = getattr(mesh.visual, "kind", None)
     vertex = {axis: np.asarray(mesh.vertices[:, k], dtype) for k, axis in enumerate("xyz")}
     if colours == "texture" and np.shape(mesh.visual.uv) == (len(mesh.vertices), 2):
@@ -138,7 +140,7 @@ def _properties(columns: dict[str, npt.NDArray[Any]]) -> list[str]:
 
 
 def _numbers(attributes: Any, count: int) -> dict[str, npt.NDArray[Any]]:
-    """The attributes that are a number each, in types that PLY has."""
+    """Pick the attributes that are a number each, in types that PLY has."""
     found = {}
     for name, given in attributes.items():
         values = np.asarray(given)

@@ -19,7 +19,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 Ends = tuple[IntArray, IntArray]
 
 
-def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: float | FloatArray) -> bool:
+def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: FloatArray) -> bool:
     """Whether some connected part with an edge is bipartite and has lam = 0 everywhere.
 
     Parameters
@@ -27,10 +27,10 @@ def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: float | 
     graph : Graph or GridGraph
     weights : array or None
         As ``Backend.prepare`` takes them, or gamma as ``Backend.put_edges`` does: an edge of weight 0 is none.
-    lam : float or (n,) array
+    lam : () or (n, 1) array
     """
     n = graph.n_vertices
-    data = np.broadcast_to(np.asarray(lam) > 0, (n,))
+    data = np.broadcast_to(lam > 0, (n, 1))[:, 0]
     if data.all():
         return False
     # The double cover: two copies of every vertex, an edge joins either copy of one end to the other copy of the
@@ -79,8 +79,8 @@ def _edges(graph: AnyGraph, weights: FloatArray | None) -> Iterator[Ends]:
         if weights is None:
             yield u, v
         elif directed:
-            kept = (weights[H + h][start].ravel() > 0) | (weights[H - 1 - h][end].ravel() > 0)
-            yield u[kept], v[kept]
+            there = (weights[H + h][start].ravel() > 0) | (weights[H - 1 - h][end].ravel() > 0)
+            yield u[there], v[there]
         else:
-            kept = weights[h][start].ravel() > 0
-            yield u[kept], v[kept]
+            there = weights[h][start].ravel() > 0
+            yield u[there], v[there]

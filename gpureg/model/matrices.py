@@ -41,8 +41,8 @@ class Edges:
     place: IntArray
     place_back: IntArray
 
-    def __getitem__(self, kept: npt.NDArray[np.bool_]) -> Edges:
-        return Edges(*(getattr(self, column.name)[kept] for column in fields(self)))
+    def __getitem__(self, chosen: npt.NDArray[np.bool_]) -> Edges:
+        return Edges(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
 
 def undirected_edges(problem: DeviceProblem, wanted: npt.NDArray[np.bool_] | None = None) -> Edges:
@@ -85,8 +85,8 @@ def _of_grid(grid: GridGraph, wanted: npt.NDArray[np.bool_] | None) -> Edges:
     for plane, step in enumerate(grid.forward_offsets):
         start, end = grid.ends(step)
         u, v = vertices[start], vertices[end]
-        kept = np.ones(u.shape, bool) if cells is None else cells[start] | cells[end]
-        u, v = u[kept], v[kept]
+        near = np.ones(u.shape, bool) if cells is None else cells[start] | cells[end]
+        u, v = u[near], v[near]
         found.append(np.stack([u, v, (H + plane) * n + u, (H - 1 - plane) * n + v]))
     u, v, place, place_back = np.concatenate(found, axis=1)
     none = np.empty(0)

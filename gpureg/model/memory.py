@@ -8,16 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from .. import backends
+from ..arrays import computed_type
 from ..backends import Backend
 from ..checks import choice, flag, integer, number
-from ..graphs.csr import Graph
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
-from .problem import NORMS, Norm
+from .problem import NORMS, Norm, as_weights, lam_numbers
 
 # Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
@@ -125,8 +126,9 @@ def _is_unit(graph: AnyGraph, weights: Any) -> bool:
     return own is None and (weights is None or isinstance(weights, Constant))
 
 
+@door
 def memory_needed(
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     channels: int = 1,
     p: float = 2.0,
@@ -170,8 +172,7 @@ def memory_needed(
     >>> gr.memory_needed(grid, weights=weights, backend="numpy") // 2**20
     137
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph)
     channels = integer("channels", channels, low=1)
     p, norm = number("p", p, above=0), choice("norm", norm, NORMS)
     coupled, stored = flag("coupled", coupled), flag("stored", stored)
@@ -180,11 +181,11 @@ def memory_needed(
     job = Job(
         channels=channels,
         norms=0 if p == 2 or norm == "edge" else 1 if coupled else channels,
-        weights=weights.on(graph) if isinstance(weights, Weights) else None if weights is None else np.asarray(weights),
-        per_vertex=np.ndim(lam) > 0,
+        weights=as_weights(graph, weights),
+        per_vertex=lam_numbers(lam).ndim > 0,
         stored=stored,
     )
-    return job.need(graph, backends.get(backend, np.float32 if dtype is None else dtype)).total
+    return job.need(graph, backends.get(backend, computed_type(dtype))).total
 
 
 def budget(backend: Backend, memory: int | None) -> Budget:

@@ -18,9 +18,24 @@ from .problem import Gamma, Problem
 class DeviceProblem:
     """A problem's arrays on a device: what a solver works on.
 
+    Attributes
+    ----------
+    problem : Problem
+    backend : Backend
+    weighted : Weighted
+        The graph with its weights.
+    f0 : device function, (n, m)
+        The data, in the device's variable.
+    lam : float or device function, (n, 1)
+        The fidelity, in the device's variable.
+    scale : (n, 1) array or None
+        The factor s below.
+
+    Notes
+    -----
     The forms of gamma that are a vertex's own factor, gamma_uv = sqrt(w) s(u), are a change of variable: g = s f turns
     the problem into that of gamma = sqrt(w) with data s f0 and fidelity lam/s^2, eps and energy unchanged. So kernels
-    and solvers know sqrt(w) alone, and `scale` carries s, (n, 1), or None.
+    and solvers know sqrt(w) alone, and `scale` carries s.
     """
 
     problem: Problem
@@ -132,8 +147,8 @@ def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> fl
     """The fidelity in the device's variable."""
     lam = problem.lam
     if scale is not None:
-        lam = np.broadcast_to(np.asarray(lam, np.float64), (len(scale),)) / scale[:, 0] ** 2
-    return lam if isinstance(lam, float) else backend.put(problem.graph, lam[:, None])
+        lam = np.broadcast_to(lam, scale.shape) / scale**2
+    return float(lam) if lam.ndim == 0 else backend.put(problem.graph, lam)
 
 
 def _vertex_scale(gamma: Gamma | FloatArray, backend: Backend, weighted: Weighted) -> FloatArray | None:

@@ -64,38 +64,63 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
     return flat
 
 
-def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> float | FloatArray:
-    """The fidelity as a number or one value per vertex, (n,), after checking it."""
+def lam_numbers(lam: float | npt.ArrayLike) -> npt.NDArray[Any]:
+    """A fidelity as an array, (), (n,) or a grid's shape, checked to hold numbers."""
     array = np.asarray(lam)
+    if array.ndim == 0:
+        number("lam", array.item(), finite=False)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"lam must be a real number or an array of them, got {array.dtype}")
+    return array
+
+
+def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
+    """The fidelity as a float64 array after checking it: a number as (), one value per vertex as (n, 1)."""
+    array = lam_numbers(lam)
     shape = graph.shape if isinstance(graph, GridGraph) else (graph.n_vertices,)
     if array.shape not in ((), (graph.n_vertices,), shape):
         raise ValueError(f"lam must be a number or one value per vertex, shape {shape}, got shape {array.shape}")
     if np.isnan(array).any() or (array.size and array.min() < 0):
         worst = array.min()
         raise ValueError(f"lam must be >= 0 (0: no data there, infinity: pinned), got {worst}")
-    return float(array) if array.ndim == 0 else array.reshape(-1).astype(np.float64)
+    return array.astype(np.float64) if array.ndim == 0 else array.reshape(-1, 1).astype(np.float64)
+
+
+def uses_degrees(gamma: object) -> bool:
+    """Whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
+    return isinstance(gamma, str) and gamma in ("normalized", "degree")
 
 
 def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
     """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
     if isinstance(gamma, str):
-        if gamma not in GAMMAS:
-            raise ValueError(f"gamma must be one of {', '.join(GAMMAS)}, or one value per directed edge, got {gamma!r}")
-        return gamma
+        return choice("gamma", gamma, GAMMAS)
     array = unmasked(gamma, "gamma")
     if array.dtype.kind not in "iuf" or array.ndim == 0:
         raise TypeError(f"gamma must be a name, {', '.join(GAMMAS)}, or one number per directed edge, got {gamma!r}")
     if isinstance(graph, GridGraph):
-        array = graph.flat_edges(array, "gamma")
+        array = graph.edges.listed(array, "gamma")
     elif array.shape != (graph.n_edges,):
         raise ValueError(f"gamma must have shape ({graph.n_edges},), one per stored directed edge, got {array.shape}")
     values: FloatArray = array.astype(np.float64)
     if not np.isfinite(values).all() or (values.size and values.min() < 0):
         bad = values[~(np.isfinite(values) & (values >= 0))][0]
         raise ValueError(f"gamma must be finite and >= 0, got {bad}")
-    return graph.edges_to_window(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+    return graph.edges.scatter(values[:, None]) if isinstance(graph, GridGraph) else values[:, None]
+
+
+def as_weights(graph: AnyGraph, weights: Weights | npt.ArrayLike | None) -> Weights | FloatArray | None:
+    """Checked weights: a weight function for this graph, or values in the form of ``Backend.prepare``."""
+    if weights is None or isinstance(weights, Weights):
+        return None if weights is None else weights.on(graph)
+    if np.asarray(weights).dtype.kind not in "biuf":
+        raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
+    if isinstance(graph, GridGraph):
+        return graph.edges.scatter_half(weights)
+    given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
+    if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):
+        Graph(graph.indptr, graph.indices, given)  # says which edge has two weights
+    return given
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +133,8 @@ class Problem:
     f0 : (n, m) float array
     p : float
         Degree of regularity > 0.
-    lam : float or (n,) array
-        Fidelity >= 0.
+    lam : () or (n, 1) float64 array
+        Fidelity >= 0, a number or one value per vertex; infinity at all vertices outside a grid's mask.
     weights : Weights, array or None
         None means the graph's own.
     gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array
@@ -125,7 +150,7 @@ class Problem:
     graph: AnyGraph
     f0: FloatArray
     p: float
-    lam: float | FloatArray
+    lam: FloatArray
     weights: Weights | FloatArray | None
     gamma: Gamma | FloatArray
     norm: Norm
@@ -138,13 +163,13 @@ class Problem:
         f0: npt.ArrayLike,
         graph: AnyGraph,
         *,
-        p: float,
-        lam: float | npt.ArrayLike,
-        weights: Weights | npt.ArrayLike | None,
-        gamma: str | npt.ArrayLike,
-        norm: Norm,
-        coupled: bool,
-        eps: float | None,
+        p: float = 2.0,
+        lam: float | npt.ArrayLike = 1.0,
+        weights: Weights | npt.ArrayLike | None = None,
+        gamma: str | npt.ArrayLike = "sqrt",
+        norm: Norm = "vertex",
+        coupled: bool = True,
+        eps: float | None = None,
         dtype: np.dtype[Any],
         smoothed: bool = True,
     ) -> Problem:
@@ -152,32 +177,19 @@ class Problem:
 
         Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
         """
-        if not isinstance(graph, Graph | GridGraph):
-            raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
         edge_factor = as_gamma(graph, gamma)
         if not isinstance(edge_factor, str) and weights is not None:
-            raise ValueError("gamma as an array stands in the place of the weights: leave weights=None")
+            raise ValueError("gamma as an array is used instead of the weights: leave weights=None")
         choice("norm", norm, NORMS)
         coupled = flag("coupled", coupled)
-        given: Weights | FloatArray | None
-        if weights is None or isinstance(weights, Weights):
-            given = None if weights is None else weights.on(graph)
-        elif np.asarray(weights).dtype.kind not in "biuf":
-            raise TypeError(f"weights must be an object of gpureg.weights or an array of numbers, got {weights!r}")
-        elif isinstance(graph, GridGraph):
-            given = graph.edges_to_half(weights)
-        else:
-            given = check_weights(weights, (graph.n_edges,), "one per stored directed edge")
-            if not np.array_equal(given, given[opposite_edges(graph.indptr, graph.indices)]):
-                Graph(graph.indptr, graph.indices, given)  # says which edge has two weights
         return cls(
             graph,
             data,
             p,
             _as_pinned(graph, as_lam(graph, lam)),
-            given,
+            as_weights(graph, weights),
             edge_factor,
             norm,
             coupled,
@@ -200,11 +212,11 @@ def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
     return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
 
 
-def _as_pinned(graph: AnyGraph, lam: float | FloatArray) -> float | FloatArray:
+def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
     """A fidelity per vertex without what it says of vertices outside the mask, which stay as they are."""
-    if isinstance(lam, float) or not isinstance(graph, GridGraph) or graph.mask is None:
+    if lam.ndim == 0 or not isinstance(graph, GridGraph) or graph.mask is None:
         return lam
-    return np.where(graph.mask.ravel(), lam, np.inf)
+    return np.where(graph.mask.reshape(-1, 1), lam, np.inf)
 
 
 def _spread(f: FloatArray) -> float:

@@ -71,6 +71,33 @@ class Result:
     backend: str
     seconds: float
 
+    @classmethod
+    def bare(
+        cls,
+        value: npt.NDArray[Any],
+        *,
+        iterations: int,
+        stop: Stop,
+        eps: float,
+        method: str,
+        backend: str,
+        seconds: float,
+    ) -> Result:
+        """Make a result without energies and without a gap, of a run that took none."""
+        return cls(
+            value=value,
+            iterations=iterations,
+            stop=stop,
+            energy=np.empty(0),
+            checks=np.empty(0, np.int64),
+            gap=None,
+            error_bound=None,
+            eps=eps,
+            method=method,
+            backend=backend,
+            seconds=seconds,
+        )
+
     @property
     def lower_bound(self) -> float | None:
         """No function has an energy below this; None without a gap."""

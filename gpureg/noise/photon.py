@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..checks import number
+from ..doors import door
 from .blocks import AT_LEAST, SMOOTHEST, blocks, measured, smoothest, top
+from .white import check_channel_axis
 
 # Classes of brightness in which photon noise is measured, and how often their line is fitted anew.
 _CLASSES, _FITS = 48, 30
@@ -43,6 +45,7 @@ class PhotonNoise:
         return np.sqrt(self.gain * light + self.read_noise**2)
 
 
+@door
 def estimate_photon_noise(
     image: npt.ArrayLike,
     *,
@@ -93,6 +96,7 @@ def estimate_photon_noise(
     (2.0, 6)
     """
     offset = number("offset", offset)
+    check_channel_axis(image, channel_axis)
     parts = []
     for channel in blocks(image, channel_axis, mask):
         for block, kept in channel:

@@ -8,6 +8,8 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import flag, integer
+from ..doors import door
 from .blocks import LARGE, block_sigma, blocks
 
 
@@ -29,6 +31,7 @@ def estimate_noise(
 ) -> npt.NDArray[np.float64]: ...
 
 
+@door
 def estimate_noise(
     image: npt.ArrayLike,
     *,
@@ -78,6 +81,8 @@ def estimate_noise(
     >>> round(estimate_noise(ramp + np.random.default_rng(7).normal(0, 5, ramp.shape)), 1)
     4.8
     """
+    per_channel = flag("per_channel", per_channel)
+    check_channel_axis(image, channel_axis)
     variances = []
     for channel in blocks(image, channel_axis, mask):
         each = []
@@ -89,6 +94,18 @@ def estimate_noise(
     if per_channel:
         return np.sqrt(np.where(np.isnan(found), 0, found))
     return math.sqrt(np.nanmean(found)) if not np.isnan(found).all() else 0.0
+
+
+def check_channel_axis(image: npt.ArrayLike, channel_axis: int | None) -> None:
+    """Refuse an axis of channels that an image does not have.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    if channel_axis is not None:
+        ndim = np.ndim(image)
+        integer("channel_axis", channel_axis, low=-ndim, high=ndim - 1)
 
 
 def gradient_to_noise(

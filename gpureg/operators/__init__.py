@@ -9,7 +9,7 @@ norm unless ``coupled`` is False (section 5.1). ``eps`` smooths the gradient nor
 
 from __future__ import annotations
 
-from ..spectral import markov_matrix
+from ..spectral.markov import markov_matrix
 from .edges import adjoint, difference, divergence, edge_derivative
 from .energies import dirichlet_energy, energy
 from .vertices import curvature, gradient_norm, laplacian, p_laplacian

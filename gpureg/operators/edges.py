@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..graphs.csr import Graph
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
+from ..model.problem import uses_degrees
 from ..weights.base import AnyWeights
-from .on_device import bare, put_function
+from .on_device import SETTINGS, Settings, bare, put_function
 
 
 def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
@@ -30,18 +32,21 @@ def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
     return table
 
 
+@door
 def difference(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> FloatArray:
-    """Weighted difference d_w f (eq. 4), a function on the edges.
+    """Compute the weighted difference d_w f (eq. 4), a function on the edges.
 
-    d_w(f)(u, v) = gamma(v, u) f(v) - gamma(u, v) f(u).
+    Its values are::
+
+        d_w(f)(u, v) = gamma(v, u) f(v) - gamma(u, v) f(u)
 
     Returns
     -------
@@ -55,25 +60,30 @@ def difference(
 
     Examples
     --------
-    >>> difference([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.difference([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([ 3., -3.,  0.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, 2.0, 0.0, True, settings)
     host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
     if isinstance(graph, GridGraph):
-        host = graph.window_to_edges(host)
+        host = graph.edges.gather(host)
     return host[:, 0] if np.shape(f) in bare(graph) else host
 
 
-def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **settings: Any) -> FloatArray:
-    """Derivative of f at u along the edges (u, v) (eq. 5): the difference d_w(f)(u, v) at these edges.
+@door(options=SETTINGS)
+def edge_derivative(
+    f: npt.ArrayLike, graph: GraphLike, edges: npt.ArrayLike, **settings: Unpack[Settings]
+) -> FloatArray:
+    """Compute the derivative of f at u along the edges (u, v) (eq. 5), the difference d_w(f)(u, v) at these edges.
 
     Parameters
     ----------
     edges : (k, 2) int array
         Pairs (u, v) of adjacent vertices.
-    **settings
+    weights, gamma, backend, dtype
         As :func:`difference`.
 
     Returns
@@ -87,9 +97,11 @@ def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **s
 
     Examples
     --------
-    >>> edge_derivative([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), [[1, 0]], backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.edge_derivative([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), [[1, 0]], backend="numpy")
     array([-3.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     pairs = np.asarray(edges)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         raise ValueError(f"edges must be integers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}")
@@ -107,18 +119,21 @@ def edge_derivative(f: npt.ArrayLike, graph: AnyGraph, edges: npt.ArrayLike, **s
     return derivative
 
 
+@door
 def adjoint(
     H: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     weights: AnyWeights = None,
     gamma: str | npt.ArrayLike = "sqrt",
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> FloatArray:
-    """Adjoint of the difference, of a function on the edges (eq. 7, Proposition 1).
+    """Compute the adjoint of the difference, of a function on the edges (eq. 7, Proposition 1).
 
-    d_w*(H)(u) = sum_v gamma(u, v) (H(v, u) - H(u, v)), so that <d_w f, H> = <f, d_w* H> for every f (eq. 6).
+    With it <d_w f, H> = <f, d_w* H> for every f (eq. 6)::
+
+        d_w*(H)(u) = sum_v gamma(u, v) (H(v, u) - H(u, v))
 
     Parameters
     ----------
@@ -138,29 +153,31 @@ def adjoint(
 
     Examples
     --------
-    >>> adjoint([1.0, 0.0, 0.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.adjoint([1.0, 0.0, 0.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([-1.,  1.,  0.], dtype=float32)
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     table = _edge_function(graph, H)
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
-    planes = graph.edges_to_window(table) if isinstance(graph, GridGraph) else table
+    planes = graph.edges.scatter(table) if isinstance(graph, GridGraph) else table
     host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
     if on.scale is not None:
         host = (host * on.scale).astype(host.dtype)
     return host[:, 0] if np.ndim(H) == 1 else host
 
 
-def divergence(H: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
-    """Divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
+@door(options=SETTINGS)
+def divergence(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
+    """Compute the divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
 
     It sums to 0 over the vertices where gamma is symmetric (Property 1).
 
     Examples
     --------
-    >>> divergence([1.0, 0.0, 0.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.divergence([1.0, 0.0, 0.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([ 1., -1.,  0.], dtype=float32)
     """
     return 0 - adjoint(H, graph, **settings)

@@ -3,33 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Unpack
 
 import numpy.typing as npt
 
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..checks import number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
-from .on_device import put_function
+from .on_device import SMOOTHED, Smoothed, put_function
 
 
-def dirichlet_energy(f: npt.ArrayLike, graph: AnyGraph, p: float, **settings: Any) -> float:
-    """p-Dirichlet energy 1/p sum_u |grad_w f(u)|^p (eq. 20, with eps eq. 15); the settings are those of p_laplacian.
+@door(options=SMOOTHED)
+def dirichlet_energy(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack[Smoothed]) -> float:
+    """Compute the p-Dirichlet energy of a function (eq. 20, with eps eq. 15).
 
-    With ``norm="edge"``, 1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), over the edges whose gamma is not 0.
+    The settings are those of :func:`p_laplacian`. With ``norm="edge"`` (eq. 30) the second sum is over the edges whose
+    gamma is not 0::
+
+        1/p sum_u |grad_w f(u)|^p
+        1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p
 
     Examples
     --------
-    >>> dirichlet_energy([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.dirichlet_energy([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
     9.0
     """
     return energy(f, f, graph, p, 0.0, **settings)
 
 
+@door
 def energy(
     f: npt.ArrayLike,
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     lam: float | npt.ArrayLike,
     *,
@@ -41,7 +50,7 @@ def energy(
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> float:
-    """Energy of f that :func:`gpureg.regularize` lowers (eq. 19): Dirichlet energy plus fidelity to f0.
+    """Compute the energy of f that :func:`gpureg.regularize` lowers (eq. 19): Dirichlet energy plus fidelity to f0.
 
     A weight function is computed from `f0`. Where lam is infinite, f = f0 is taken for granted.
 
@@ -52,10 +61,13 @@ def energy(
 
     Examples
     --------
-    >>> graph = Graph.from_edges([[0, 1], [1, 2]])
-    >>> energy([0.0, 3.0, 3.0], [1.0, 3.0, 3.0], graph, 2, 4.0, backend="numpy")
+    >>> import gpureg as gr
+    >>> graph = gr.Graph.from_edges([[0, 1], [1, 2]])
+    >>> gr.operators.energy([0.0, 3.0, 3.0], [1.0, 3.0, 3.0], graph, 2, 4.0, backend="numpy")
     11.0
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
+    number("eps", eps, low=0)
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.
     on, function = put_function(f, graph, p, eps or 1.0, coupled, settings, lam=lam, f0=f0)

@@ -1,18 +1,65 @@
-"""Arguments of an operator on a device."""
+"""Arguments of an operator on a device, and the settings that operators share."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray
+from ..arrays import FloatArray, computed_type
 from ..checks import number
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem, as_function
+from ..model.problem import Norm, Problem, as_function
+from ..weights.base import AnyWeights
+
+
+class Settings(TypedDict, total=False):
+    """What every operator takes, as :func:`gpureg.regularize`.
+
+    Attributes
+    ----------
+    weights : Weights or array, optional
+    gamma : str or array, default "sqrt"
+    backend : str, default "auto"
+    dtype : dtype, default float32
+    """
+
+    weights: AnyWeights
+    gamma: str | npt.ArrayLike
+    backend: str
+    dtype: npt.DTypeLike | None
+
+
+class Channels(Settings, total=False):
+    """What an operator takes whose norm can be one for all channels, or that of an edge.
+
+    Attributes
+    ----------
+    norm : {"vertex", "edge"}, default "vertex"
+    coupled : bool, default True
+    """
+
+    norm: Norm
+    coupled: bool
+
+
+class Smoothed(Channels, total=False):
+    """What an operator takes whose gradient norm may be smoothed.
+
+    Attributes
+    ----------
+    eps : float, default 0
+    """
+
+    eps: float
+
+
+SETTINGS: dict[str, Any] = {"weights": None, "gamma": "sqrt", "backend": "auto", "dtype": None}
+CHANNELS: dict[str, Any] = {"norm": "vertex", "coupled": True, **SETTINGS}
+SMOOTHED: dict[str, Any] = {"eps": 0.0, **CHANNELS}
 
 
 def put_function(
@@ -28,7 +75,7 @@ def put_function(
 ) -> tuple[DeviceProblem, FloatArray]:
     """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
     number("eps", eps, low=0)
-    kind = np.dtype(settings["dtype"] or np.float32)
+    kind = computed_type(settings["dtype"])
     make = {"p": p, "lam": lam, "weights": settings["weights"], "gamma": settings["gamma"]}
     make["norm"] = settings.get("norm", "vertex")
     make |= {"coupled": coupled, "eps": eps, "dtype": kind}

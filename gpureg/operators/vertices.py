@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import number
-from ..graphs.grid import AnyGraph
-from ..model.problem import Norm
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
+from ..model.problem import Norm, uses_degrees
 from ..weights.base import AnyWeights
-from .on_device import bare, put_function
+from .on_device import CHANNELS, SMOOTHED, Channels, Smoothed, bare, put_function
 
 
+@door
 def gradient_norm(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float = 2.0,
     *,
     eps: float = 0.0,
@@ -27,7 +29,7 @@ def gradient_norm(
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> FloatArray:
-    """Local variation |grad_w f(u)|_p at every vertex: the L^2 norm of eq. 9, or the L^p norm of eq. 10.
+    """Compute the local variation |grad_w f(u)|_p at every vertex: the L^2 norm of eq. 9, or the L^p norm of eq. 10.
 
     Parameters
     ----------
@@ -48,9 +50,11 @@ def gradient_norm(
 
     Examples
     --------
-    >>> gradient_norm([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.gradient_norm([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([3., 3., 0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
     number("p", p, above=0)
     on, function = put_function(f, graph, 2.0, eps, coupled, settings)
@@ -61,9 +65,10 @@ def gradient_norm(
     return on.backend.get(graph, norm).reshape(shape if shape in bare(graph) or not coupled else shape[:-1])
 
 
+@door
 def p_laplacian(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     p: float,
     *,
     eps: float = 0.0,
@@ -74,7 +79,7 @@ def p_laplacian(
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> FloatArray:
-    """Weighted p-Laplacian of f at every vertex (eq. 12), in the shape of `f`.
+    """Compute the weighted p-Laplacian of f at every vertex (eq. 12), in the shape of `f`.
 
     It is the derivative of the p-Dirichlet energy (Property 2), positive semidefinite: the opposite sign of the
     Laplacian of PDEs.
@@ -93,9 +98,11 @@ def p_laplacian(
 
     Examples
     --------
-    >>> p_laplacian([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
+    >>> import gpureg as gr
+    >>> gr.operators.p_laplacian([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
     array([-6.,  6.,  0.], dtype=float32)
     """
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
     on, function = put_function(f, graph, p, eps, coupled, settings)
     put = on.put_function(function)
@@ -106,22 +113,26 @@ def p_laplacian(
     return host.reshape(np.shape(f))
 
 
-def laplacian(f: npt.ArrayLike, graph: AnyGraph, **settings: Any) -> FloatArray:
-    """Weighted Laplacian, the p-Laplacian of p = 2 (eq. 16), in the shape of `f`; the settings are those of it.
+@door(options=SMOOTHED)
+def laplacian(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Smoothed]) -> FloatArray:
+    """Compute the weighted Laplacian, the p-Laplacian of p = 2 (eq. 16); shape and settings are those of it.
 
     With ``gamma="combinatorial"`` it is the matrix D - W of Table I times f, with "normalized" I - D^-1/2 W D^-1/2. The
     default "sqrt" gives 2 (D - W) f.
 
     Examples
     --------
-    >>> laplacian([0.0, 3.0, 3.0], Graph.from_edges([[0, 1], [1, 2]]), gamma="combinatorial", backend="numpy").round(5)
+    >>> import gpureg as gr
+    >>> path = gr.Graph.from_edges([[0, 1], [1, 2]])
+    >>> gr.operators.laplacian([0.0, 3.0, 3.0], path, gamma="combinatorial", backend="numpy").round(5)
     array([-3.,  3.,  0.], dtype=float32)
     """
     return p_laplacian(f, graph, 2.0, **settings)
 
 
-def curvature(f: npt.ArrayLike, graph: AnyGraph, *, eps: float, **settings: Any) -> FloatArray:
-    """Weighted curvature, the p-Laplacian of p = 1 (eq. 18), in the shape of `f`; the settings are those of it.
+@door(options=CHANNELS)
+def curvature(f: npt.ArrayLike, graph: GraphLike, *, eps: float, **settings: Unpack[Channels]) -> FloatArray:
+    """Compute the weighted curvature, the p-Laplacian of p = 1 (eq. 18); shape and settings are those of it.
 
     `eps` > 0 is needed: the gradient may vanish.
     """

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from ..arrays import FloatArray
+from ..checks import choice
 from .canvas import new_figure
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ def camera_of(
     """
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     names = get_args(Axis)
-    if up is not None and up not in names:
-        raise ValueError(f'up must be "x", "y" or "z", got {up!r}')
+    if up is not None:
+        choice("up", up, names)
     if view == "auto":
         _, directions = np.linalg.eigh(np.cov(points.T))
         towards = _to_the_front(directions[:, 0], outward)

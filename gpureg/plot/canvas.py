@@ -15,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
+from ..checks import integer
 from ..files.pictures import write_atomically
+from ..graphs.edges import checked_spacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,9 +109,8 @@ def as_picture(image: npt.ArrayLike, name: str, channel_axis: int | None) -> npt
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
     if channel_axis is not None:
-        if not -array.ndim <= channel_axis < array.ndim:
-            raise ValueError(f"channel_axis = {channel_axis} is no axis of {name}, which has shape {array.shape}")
-        array = np.moveaxis(array, channel_axis, -1)
+        axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
+        array = np.moveaxis(array, axis, -1)
     else:
         array = array[..., None]
     if array.ndim not in (3, 4) or 0 in array.shape:
@@ -163,10 +164,7 @@ def sections(at: Sequence[int]) -> list[Section]:
 
 def as_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:
     """The distances between pixels, checked; 1 where none are given."""
-    steps = (1.0,) * ndim if spacing is None else tuple(float(step) for step in spacing)
-    if len(steps) != ndim or not all(np.isfinite(step) and step > 0 for step in steps):
-        raise ValueError(f"spacing must hold {ndim} finite numbers > 0, one per axis, got {spacing}")
-    return steps
+    return checked_spacing(spacing, ndim) or (1.0,) * ndim
 
 
 def colours(plane: npt.NDArray[Any], black: float, white: float) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..doors import door
 from .canvas import (
     Path_,
     as_picture,
@@ -39,7 +40,9 @@ def _scale(
 ) -> tuple[float, float, bool]:
     """Black, white, and whether an integer type alone says so; the first picture decides."""
     if data_range is not None:
-        ends = np.asarray(data_range, np.float64)
+        ends = np.asarray(data_range)
+        if ends.dtype.kind not in "iuf":
+            raise TypeError(f"data_range must be a number, or (black, white), got {data_range!r}")
         black, white = (0.0, float(ends)) if ends.ndim == 0 else (float(ends.flat[0]), float(ends.flat[-1]))
         if ends.shape not in ((), (2,)) or not (math.isfinite(black) and math.isfinite(white) and white > black):
             raise ValueError(f"data_range must be a number > 0, or (black, white) with white > black, got {data_range}")
@@ -53,6 +56,7 @@ def _scale(
     return *span(pictures[0]), False
 
 
+@door
 def quality(
     image: npt.ArrayLike,
     reference: npt.ArrayLike,
@@ -135,6 +139,7 @@ def _title(name: str, values: tuple[float, float] | None) -> str:
     return f"{name}\nPSNR {values[0]:.2f} dB{ssim}"
 
 
+@door
 def compare(
     noisy: npt.ArrayLike,
     denoised: npt.ArrayLike,

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..checks import number
+from ..doors import door
 from ..model.result import Result
 from .canvas import Path_, check_path, finish, new_figure
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@door
 def energy(result: Result | Mapping[str, Result], *, minimum: float | None = None, path: Path_ | None = None) -> Figure:
     """Draw the energy at each check of a run, and beside it, on a log scale, how far it is above its minimum.
 
@@ -68,7 +71,8 @@ def energy(result: Result | Mapping[str, Result], *, minimum: float | None = Non
                 f"{name} holds no energies: runs in tiles report none, nor do single steps whose weights are not "
                 "stored; gpureg.regularize on a job that fits into memory reports them"
             )
-    least = min(float(run.energy.min()) for run in runs.values()) if minimum is None else float(minimum)
+    lowest = min(float(run.energy.min()) for run in runs.values())
+    least = lowest if minimum is None else number("minimum", minimum)
     above = any((run.energy > least).any() for run in runs.values())
     figure = new_figure(10 if above else 5.5, 4, "constrained")
     left, *right = figure.subplots(1, 2 if above else 1, squeeze=False)[0]

@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
+from ..checks import number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.edges import Metric
 from ..graphs.grid import GridGraph
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
 _FRAME = "#ff2d55"
 
 
+@door
 def neighbours(
     image: npt.ArrayLike,
     pixel: Sequence[int],
@@ -49,7 +53,7 @@ def neighbours(
     metric: Metric = "chebyshev",
     spacing: Sequence[float] | None = None,
     mask: npt.ArrayLike | None = None,
-    graph: Graph | GridGraph | None = None,
+    graph: GraphLike | None = None,
     channel_axis: int | None = None,
     path: Path_ | None = None,
     backend: str = "numpy",
@@ -68,7 +72,7 @@ def neighbours(
     radius, metric, spacing, mask
         The window, as :class:`gpureg.GridGraph` takes them.
     graph : Graph or GridGraph, optional
-        A graph whose vertices are the image's pixels in row-major order, in the place of the window: one with each
+        A graph whose vertices are the image's pixels in row-major order, instead of the window: one with each
         pixel's most similar neighbours, for one.
     channel_axis : int, optional
         The axis of the channels; None for grey.
@@ -108,9 +112,11 @@ def neighbours(
     if graph is None:
         if radius is None:
             raise ValueError("give the radius of the window, or a graph")
+        number("radius", radius, finite=False)
         graph = GridGraph(shape, radius, metric, spacing=spacing, mask=mask)
     elif radius is not None or spacing is not None or mask is not None:
         raise ValueError("radius, spacing and mask make a window; a graph has its neighbours already: give one of them")
+    graph = as_graph(graph)
     if graph.n_vertices != np.prod(shape) or (isinstance(graph, GridGraph) and graph.shape != shape):
         raise ValueError(f"the graph must have a vertex per pixel of {shape}, got {graph!r}")
     places, values = _weights_of(graph, picture, at, weights, backend)
@@ -195,7 +201,7 @@ def _weights_of(
     assert isinstance(grid, GridGraph)
     half = device.get_weights(DeviceProblem.put(part, device).weighted)
     if half is None:
-        half = grid.unit_half_weights()
+        half = grid.edges.unit_half()
     corner = np.array([s.start for s in box])
     u = np.array(at) - corner
     v = u + grid.offsets

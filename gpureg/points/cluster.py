@@ -1,23 +1,25 @@
-"""Clusters of points by p -> 0: :func:`cluster_points`."""
+"""Cluster points by p -> 0: :func:`cluster_points`."""
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
+from ..checks import integer, number
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.edges import check_weights
 from ..graphs.of_points import knn_graph
+from ..regularization.options import RUN, Run
 from ..regularization.pieces import Labels, Pieces, coarser, whole
 from ..shapes.cloud import cloud_of
 from ..solvers import Solver
-from ..solvers.loop import Callback
 from ..weights import Weights
 from .normals import nearest
 
@@ -32,6 +34,7 @@ _REACH, _NEIGHBOUR = 2.0, 7
 _GAP, _WIDEST = 3.0, 100.0
 
 
+@door(options=RUN)
 def cluster_points(
     points: Any,
     n_clusters: int | None = None,
@@ -46,10 +49,7 @@ def cluster_points(
     solver: str | Solver = "jacobi",
     max_iter: int = 200,
     tol: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
+    **options: Unpack[Run],
 ) -> Labels:
     """Cluster points: those that meet for p < 1 are one piece, and pieces are joined where they hang together most.
 
@@ -71,7 +71,7 @@ def cluster_points(
     min_size : int, optional
         Smaller clusters, outliers most often, are joined to others and do not count. None: 1 percent of the points, at
         least k; where n_clusters of this size cannot be had, it is halved until they can.
-    norm, eps, solver, max_iter, tol, backend, dtype, callback, progress
+    norm, eps, solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`; eps in units of the median edge, None: 0.01.
 
     Returns
@@ -112,7 +112,7 @@ def cluster_points(
     """
     x = cloud_of(points).points
     n = len(x)
-    _check(n, n_clusters, p, lam, min_size)
+    _check(n, n_clusters, lam, min_size)
     graph = knn_graph(x, k)
     u, v = graph.edge_rows(), graph.indices
     lengths = np.linalg.norm(x[u] - x[v], axis=1)
@@ -120,9 +120,10 @@ def cluster_points(
     unit = unit or float(lengths.max(initial=0.0)) or 1.0
     w = near_weights(x, lengths, u, v) if weights is None else edge_weights(weights, graph, x)
     start = whole((x - x.mean(axis=0)) / unit, graph, w)
-    settings: dict[str, Any] = {"norm": norm, "solver": solver, "max_iter": max_iter, "dtype": dtype}
-    settings |= {"eps": _EPS if eps is None else eps, "callback": callback, "progress": progress}
-    [pieces] = coarser(start, [lam], p=p, met_at=_MET, backend=backend, tol=tol, **settings)
+    [pieces] = coarser(
+        start, [lam], p=p, met_at=_MET, norm=norm, eps=_EPS if eps is None else eps, solver=solver, max_iter=max_iter,
+        tol=tol, **options,
+    )  # fmt: skip
     if n_clusters is not None and n_clusters > pieces.n_pieces:
         raise ValueError(
             f"n_clusters must be at most {pieces.n_pieces}, the number of pieces that the points met in, got "
@@ -148,7 +149,7 @@ def cluster_points(
 
 
 def edge_weights(weights: Weights | npt.ArrayLike, graph: Graph, f0: FloatArray) -> FloatArray:
-    """Weights of any kind as one number per directed edge.
+    """Compute weights of any kind as one number per directed edge, (n_edges,).
 
     Raises
     ------
@@ -185,7 +186,7 @@ def _joined(pieces: Pieces, x: FloatArray, joins: list[_Join], n_clusters: int |
 
 
 class _Join(NamedTuple):
-    """Two clusters that become one, by the numbers of a piece in each."""
+    """Two clusters that become one; each is named by the number of a piece in it."""
 
     mean: float
     a: int
@@ -301,15 +302,9 @@ def _with_nearest(part: IntArray, one: int, of_points: IntArray, x: FloatArray) 
     return np.unique(new, return_inverse=True)[1].ravel()
 
 
-def _check(n: int, n_clusters: Any, p: Any, lam: Any, min_size: Any) -> None:
+def _check(n: int, n_clusters: Any, lam: Any, min_size: Any) -> None:
     for name, value in (("n_clusters", n_clusters), ("min_size", min_size)):
-        if value is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | np.integer):
-            raise TypeError(f"{name} must be an integer or None, got {value!r}")
-        if not 1 <= value <= n:
+        if value is not None and not 1 <= integer(name, value) <= n:
             raise ValueError(f"{name} must lie in 1..{n}, the number of points, got {value}")
-    if isinstance(lam, bool) or not isinstance(lam, int | float | np.number):
-        raise TypeError(f"lam must be a number, got {lam!r}")
-    if not (lam > 0 and np.isfinite(lam)):
+    if not (number("lam", lam, finite=False) > 0 and np.isfinite(lam)):
         raise ValueError(f"lam must be finite and > 0: with 0 all points of a component meet; got {lam}")

@@ -1,26 +1,26 @@
-"""The door for point clouds: :func:`denoise_points`."""
+"""Denoise point clouds: :func:`denoise_points`."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_flags, checked_values
-from ..checks import number
-from ..model.result import Result
+from ..checks import choice, integer
+from ..doors import door, part_of
+from ..regularization.denoised import check_numbers, checked_fidelity, limited
+from ..regularization.options import MODEL, Model
 from ..shapes.cloud import cloud_of
-from ..solvers import Solver
-from ..solvers.loop import Callback
 from ..weights import Weights
-from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointFilter, Task
-from .normals import noise_along_normals, spacing_of
+from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointDenoising, PointFilter, Task
+from .normals import noise_along_normals
 
 
-def denoise_points(
+def denoised(
     points: Any,
     values: npt.ArrayLike | None = None,
     *,
@@ -34,15 +34,66 @@ def denoise_points(
     max_iter: int | None = None,
     fixed: npt.ArrayLike | None = None,
     max_displacement: float | None = None,
-    norm: Literal["vertex", "edge"] = "vertex",
-    eps: float | None = None,
-    solver: str | Solver = "jacobi",
-    tol: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
-) -> Any:
+    **options: Unpack[Model],
+) -> PointDenoising:
+    """Denoise points, and say all that there is to say about it: the work of :func:`denoise_points`.
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
+        As :func:`denoise_points`.
+    """
+    begin = time.perf_counter()
+    cloud = cloud_of(points)
+    x = cloud.points
+    n, d = x.shape
+    chosen = _chosen(filter, d, values is not None)
+    check_numbers(options, p=p, sigma=sigma, max_iter=max_iter, max_displacement=max_displacement)
+    if k is not None:
+        integer("k", k, low=1)
+    if values is not None and (max_displacement is not None or update_neighbours is not None):
+        raise ValueError("max_displacement and update_neighbours are for points that move; values stay where they are")
+    if update_neighbours is not None:
+        integer("update_neighbours", update_neighbours, low=1)
+        if isinstance(weights, np.ndarray | list):
+            raise ValueError("weights as an array are those of one graph: leave update_neighbours, or give a function")
+    pinned = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
+    fidelity = None if lam is None else checked_fidelity(lam, n, "point")
+    pinned |= np.isinf(0.0 if fidelity is None else fidelity)
+    # far from the origin single precision has too few digits for details
+    task = Task(
+        cloud,
+        x - x.mean(axis=0),
+        pinned,
+        NEIGHBOURS if k is None else k,
+        update_neighbours,
+        fidelity,
+        sigma,
+        p,
+        weights,
+        max_iter,
+        options,
+    )
+    given = None if values is None else checked_values(values, n)
+    found = task.of_values(given) if given is not None else task.moved(chosen)
+    f0 = task.points if given is None else given
+    moves = np.where(pinned[:, None], 0.0, found.value - f0)
+    value: npt.NDArray[Any]
+    if given is not None and values is not None:
+        value = (given + moves).astype(given.dtype).reshape(np.shape(values))
+        distance: FloatArray = np.zeros(n)
+    else:
+        most = max_displacement
+        if most is None and found.filter == "normals":
+            most = MOST_MOVED * found.sigma
+        moves, distance = limited(moves, most)
+        value = x + moves
+    return replace(found, value=value, displacement=distance, seconds=time.perf_counter() - begin)
+
+
+@door(options=MODEL)
+@part_of(denoised)
+def denoise_points(found: PointDenoising) -> Any:
     """Denoise the points of a cloud, or values at them; called with nothing else it estimates the noise.
 
     Parameters
@@ -51,7 +102,7 @@ def denoise_points(
         Points of a curve in the plane or a surface in space, for filter="normals"; of anything for "positions" and
         values. No two axes are told apart: scale those of different units first.
     values : (n,) or (n, m) array, optional
-        A function on the points, such as colours: it is regularized in their place, and given back.
+        A function on the points, such as colours: it is regularized instead of them, and returned.
     filter : {"normals", "positions"}, optional
         "normals" regularizes the normals of the neighbourhoods and moves the points to fit them: it keeps creases, and
         points do not gather. "positions" regularizes the points themselves. None: "normals" for d of 2 and 3.
@@ -77,7 +128,7 @@ def denoise_points(
         Points that keep their place (or value).
     max_displacement : float, optional
         No point moves further than this. None: 3 sigma for normals, no bound for positions.
-    norm, eps, solver, tol, backend, dtype, callback, progress
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
     Returns
@@ -110,32 +161,10 @@ def denoise_points(
     >>> [bool(np.abs(np.hypot(*x.T) - 1).std() < most) for x, most in ((noisy, 0.01), (clean, 0.004))]
     [True, True]
     """
-    cloud = cloud_of(points)
-    found = denoised(
-        cloud.points,
-        filter=filter,
-        values=values,
-        k=k,
-        update_neighbours=update_neighbours,
-        p=p,
-        lam=lam,
-        weights=weights,
-        sigma=sigma,
-        max_iter=max_iter,
-        fixed=fixed,
-        max_displacement=max_displacement,
-        norm=norm,
-        eps=eps,
-        solver=solver,
-        tol=tol,
-        backend=backend,
-        dtype=dtype,
-        callback=callback,
-        progress=progress,
-    )
-    return cloud.like(found.points) if found.values is None else found.values
+    return found.cloud.like(found.value) if found.moves else found.value
 
 
+@door
 def estimate_point_noise(points: Any) -> float:
     """Estimate the deviation of the noise of points of a curve or a surface, along the normals, in their units.
 
@@ -167,158 +196,12 @@ def estimate_point_noise(points: Any) -> float:
     return noise_along_normals(found)
 
 
-@dataclass(frozen=True, eq=False)
-class PointDenoising:
-    """What :func:`denoised` did.
-
-    Attributes
-    ----------
-    points : (n, d) float array
-        Where the points are now.
-    values : (n,) or (n, m) float array or None
-        The regularized attributes, where there were such; the points are then as they were.
-    normals : (n, d) float array or None
-        The regularized unit normals, either way round, where those were what was regularized.
-    filter : str
-        "normals", "positions" or "values".
-    sigma : float
-        Deviation of the noise, in the units of the coordinates (or of the values): given, or estimated.
-    estimated : bool
-    p : float
-    lam : float or array
-        The fidelity used.
-    k : int
-        Neighbours that each point chose in the graph.
-    spacing : float
-        Median distance from a point to the nearest other one, before.
-    results : list of Result
-        The runs of the model, in their order.
-    displacement : (n,) float array
-        How far each point has moved.
-    seconds : float
-    """
-
-    points: FloatArray
-    values: npt.NDArray[Any] | None
-    normals: FloatArray | None
-    filter: str
-    sigma: float
-    estimated: bool
-    p: float
-    lam: float | FloatArray
-    k: int
-    spacing: float
-    results: list[Result]
-    displacement: FloatArray
-    seconds: float
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of all runs together."""
-        return sum(result.iterations for result in self.results)
-
-    def describe(self) -> str:
-        """The filter and its parameters, in a line."""
-        what = {
-            "normals": "normals of the neighbourhoods, points moved to fit them",
-            "positions": "positions of the points",
-            "values": "values at the points",
-        }[self.filter]
-        if not self.results:
-            return f"{what}: there is no noise to remove"
-        lam = f"{self.lam:.4g}" if isinstance(self.lam, float) else "a map"
-        runs, each = len(self.results), self.results[0].iterations
-        times = f"{runs} rounds of {each}" if runs > 1 else str(each)
-        return f"{what}; {self.k} neighbours, p = {self.p:g}, lam = {lam}, {times} iterations"
-
-
-def denoised(
-    points: FloatArray,
-    *,
-    filter: PointFilter | None = None,
-    values: Any = None,
-    k: int | None = None,
-    update_neighbours: int | None = None,
-    p: float | None = None,
-    lam: float | npt.ArrayLike | None = None,
-    weights: Weights | npt.ArrayLike | None = None,
-    sigma: float | None = None,
-    max_iter: int | None = None,
-    fixed: npt.ArrayLike | None = None,
-    max_displacement: float | None = None,
-    **model: Any,
-) -> PointDenoising:
-    """:func:`gpureg.denoise_points` of an array; `model` is what else :func:`gpureg.regularize` is told.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`gpureg.denoise_points`.
-    """
-    begin = time.perf_counter()
-    n, d = points.shape
-    chosen = _chosen(filter, d, values is not None)
-    if sigma is not None:
-        number("sigma", sigma, low=0)
-    if max_displacement is not None:
-        number("max_displacement", max_displacement, low=0)
-    if values is not None and (max_displacement is not None or update_neighbours is not None):
-        raise ValueError("max_displacement and update_neighbours are for points that move; values stay where they are")
-    if update_neighbours is not None and (isinstance(update_neighbours, bool) or update_neighbours < 1):
-        raise ValueError(f"update_neighbours must be a number of steps >= 1, or None, got {update_neighbours}")
-    if update_neighbours is not None and isinstance(weights, np.ndarray | list):
-        raise ValueError("weights as an array are those of one graph: leave update_neighbours, or give a function")
-    pinned = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
-    fidelity = None if lam is None else _fidelity(lam, n)
-    pinned |= np.isinf(0.0 if fidelity is None else fidelity)
-    # far from the origin single precision has too few digits for details
-    centre = points.mean(axis=0)
-    task = Task(
-        points - centre,
-        pinned,
-        NEIGHBOURS if k is None else k,
-        update_neighbours,
-        fidelity,
-        sigma,
-        p,
-        weights,
-        model,
-        max_iter,
-    )
-    given = None if values is None else checked_values(values, n)
-    found = task.of_values(given) if given is not None else task.moved(chosen)
-    f0 = task.points if given is None else given
-    moves = np.where(pinned[:, None], 0.0, found.f - f0)
-    about = (*found[1:6], task.k, spacing_of(points), found.results)
-    if given is not None:
-        kept = (given + moves).astype(given.dtype).reshape(np.shape(values))
-        return PointDenoising(points, kept, None, *about, np.zeros(n), time.perf_counter() - begin)
-    distance = np.linalg.norm(moves, axis=1)
-    most = max_displacement
-    if most is None and found.filter == "normals":
-        most = MOST_MOVED * found.sigma
-    if most is not None:
-        moves *= np.minimum(1, most / np.maximum(distance, np.finfo(float).tiny))[:, None]
-        distance = np.minimum(distance, most)
-    return PointDenoising(points + moves, None, found.normals, *about, distance, time.perf_counter() - begin)
-
-
 def _chosen(filter: Any, d: int, values: bool) -> PointFilter:
     if filter is None:
         return "normals" if d in (2, 3) else "positions"
-    if filter not in POINT_FILTERS:
-        raise ValueError(f'filter must be "normals" or "positions", got {filter!r}')
+    word = choice("filter", filter, POINT_FILTERS)
     if values:
         raise ValueError("filter says how points move; values stay where they are: leave it out")
-    if filter == "normals" and d not in (2, 3):
+    if word == "normals" and d not in (2, 3):
         raise ValueError(f'filter="normals" is for points of the plane or of space, got {d} coordinates: "positions"')
-    return "normals" if filter == "normals" else "positions"
-
-
-def _fidelity(lam: Any, n: int) -> float | FloatArray:
-    if np.ndim(lam) == 0:
-        return float(lam)
-    values = np.asarray(lam, dtype=np.float64)
-    if values.shape != (n,):
-        raise ValueError(f"lam must be a number or one per point, ({n},), got {values.shape}")
-    return values
+    return word

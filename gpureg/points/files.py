@@ -1,4 +1,4 @@
-"""Point clouds in and out of files: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
+"""Read and write point clouds: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..doors import door
 from ..files.pictures import PictureError, check_place, write_atomically
 from ..files.table import encode_table, read_table
 
@@ -58,7 +59,7 @@ class PointsFile:
 
 
 def point_format(path: str | os.PathLike[str]) -> str:
-    """The extension of a file of points.
+    """Return the extension of a file of points.
 
     Raises
     ------
@@ -72,6 +73,7 @@ def point_format(path: str | os.PathLike[str]) -> str:
     return found[-1]
 
 
+@door
 def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None = None) -> PointsFile:
     """Read points, in the order of the file, with what else it says of each.
 
@@ -195,6 +197,7 @@ def _of_ply(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> Po
 _READERS = {".ply": _of_ply, ".xyz": _of_text, ".csv": _of_text, ".csv.gz": _of_text, ".npz": _of_npz}
 
 
+@door
 def write_points(
     path: str | os.PathLike[str],
     points: npt.ArrayLike,
@@ -244,7 +247,7 @@ def encode_points(
     *,
     like: PointsFile | None = None,
 ) -> bytes:
-    """What :func:`write_points` writes to a file of that name.
+    """Encode points as :func:`write_points` writes them to a file of that name.
 
     Raises
     ------

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,10 @@ from ..graphs.of_points import knn_graph
 from ..model.result import Result
 from ..noise.fidelity import fidelity_to_normals, fidelity_to_values
 from ..noise.graphs import noise_on_graph
+from ..regularization.denoised import Denoised
+from ..regularization.options import Model
 from ..regularization.regularize import regularize
+from ..shapes.cloud import Cloud
 from ..weights import Weights, bilateral, guided
 from .normals import directions, fitted_points, nearest, noise_along_normals, planes, projectors, spacing_of, tilt
 
@@ -34,23 +38,66 @@ _FIT = 5
 MOST_MOVED = 3.0
 
 
-class _Found(NamedTuple):
-    """A function on the points, and what :class:`PointDenoising` says of how it was found."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointDenoising(Denoised[float]):
+    """What denoising a cloud of points did: see :class:`Denoised`.
 
-    f: FloatArray
-    filter: str
-    sigma: float
-    estimated: bool
-    p: float
-    lam: float | FloatArray
-    results: list[Result]
+    Attributes
+    ----------
+    filter : {"normals", "positions", "values"}
+    cloud : Cloud
+        The points that came in.
+    k : int
+        Neighbours that each point chose in the graph.
+    spacing : float
+        Median distance from a point to the nearest other one, before.
+    normals : (n, d) float array or None
+        The regularized unit normals, either way round, where those were what was regularized.
+    """
+
+    WHAT: ClassVar[Mapping[str, str]] = {
+        "normals": "normals of the neighbourhoods, points moved to fit them",
+        "positions": "positions of the points",
+        "values": "values at the points",
+    }
+
+    cloud: Cloud
+    k: int
+    spacing: float
     normals: FloatArray | None = None
+
+    @property
+    def points(self) -> FloatArray:
+        """Where the points are now, (n, d)."""
+        return self.value if self.moves else self.cloud.points
+
+    def _parameters(self) -> str:
+        return f"{self.k} neighbours, {super()._parameters()}"
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Points around their mean, and what was asked for."""
+    """Points around their mean, and what was asked for.
 
+    Attributes
+    ----------
+    cloud : Cloud
+        The points that came in.
+    points : (n, d) float array
+        The same, around their mean.
+    pinned : (n,) bool array
+        Points that keep their place or value.
+    k : int
+    update_neighbours : int or None
+    lam : float, (n,) array or None
+    sigma, p : float or None
+    weights : Weights, array or None
+    max_iter : int or None
+    options : Model
+        What else :func:`gpureg.regularize` is told.
+    """
+
+    cloud: Cloud
     points: FloatArray
     pinned: npt.NDArray[np.bool_]
     k: int
@@ -59,49 +106,64 @@ class Task:
     sigma: float | None
     p: float | None
     weights: Weights | npt.ArrayLike | None
-    model: dict[str, Any]
     max_iter: int | None
+    options: Model
 
-    def of_values(self, f0: FloatArray) -> _Found:
-        """Values other than positions, on the graph of neighbours."""
+    def of_values(self, f0: FloatArray) -> PointDenoising:
+        """Regularize values other than positions, (n, m), on the graph of neighbours."""
         graph = knn_graph(self.points, self.k)
         sigma = noise_on_graph(f0, graph) if self.sigma is None else self.sigma
         p = 1.0 if self.p is None else self.p
         lam = fidelity_to_values(graph, sigma, p, f0.shape[1]) if self.lam is None else self.lam
-        if isinstance(lam, float) and math.isinf(lam):
-            return _Found(f0, "values", sigma, self.sigma is None, p, lam, [])
-        most = 100 if self.max_iter is None else self.max_iter
-        result = self._run(f0, graph, p, lam, most, self.weights)
-        return _Found(result.value.astype(np.float64), "values", sigma, self.sigma is None, p, lam, [result])
+        f, results = f0, []
+        if not _is_infinite(lam):
+            most = 100 if self.max_iter is None else self.max_iter
+            results = [self._run(f0, graph, p, lam, most, self.weights)]
+            f = results[0].value.astype(np.float64)
+        return self._found(f, "values", results, sigma=sigma, p=p, lam=lam)
 
-    def moved(self, filter: PointFilter) -> _Found:
-        """The points, by themselves or by the normals of their neighbourhoods."""
+    def moved(self, filter: PointFilter) -> PointDenoising:
+        """Regularize the points, by themselves or by the normals of their neighbourhoods."""
         x, sigma = self.points, self.sigma
         if sigma is None and len(x) > 2:
             sigma = noise_along_normals(x) if x.shape[1] in (2, 3) else noise_on_graph(x, knn_graph(x, self.k))
         if len(x) < 3 or not sigma:
             p = self.p or (1.0 if filter == "normals" else 2.0)
-            return _Found(x, filter, sigma or 0.0, self.sigma is None, p, math.inf, [])
+            return self._found(x, filter, [], sigma=sigma or 0.0, p=p, lam=math.inf)
         return self._by_normals(sigma) if filter == "normals" else self._by_positions(sigma)
 
-    def _by_positions(self, sigma: float) -> _Found:
+    def _found(
+        self,
+        value: FloatArray,
+        filter: str,
+        results: Iterable[Result],
+        *,
+        sigma: float,
+        p: float,
+        lam: float | FloatArray,
+        normals: FloatArray | None = None,
+    ) -> PointDenoising:
+        return PointDenoising(
+            value=value, filter=filter, results=tuple(results), sigma=sigma, estimated=self.sigma is None, p=p, lam=lam,
+            normals=normals, cloud=self.cloud, k=self.k, spacing=spacing_of(self.cloud.points),
+        )  # fmt: skip
+
+    def _by_positions(self, sigma: float) -> PointDenoising:
         p, spacing = 2.0 if self.p is None else self.p, spacing_of(self.points)
         lam = self.lam
         if lam is None:
             lam = 2 ** (p - 2) * 4 * spacing ** (p - 1) / sigma if spacing > 0 else math.inf
-        if isinstance(lam, float) and math.isinf(lam):
-            return _Found(self.points, "positions", sigma, self.sigma is None, p, lam, [])
-        left = 100 if self.max_iter is None else self.max_iter
-        each = left if self.update_neighbours is None else self.update_neighbours
         x, results = self.points, []
+        left = 0 if _is_infinite(lam) else 100 if self.max_iter is None else self.max_iter
+        each = left if self.update_neighbours is None else self.update_neighbours
         while left > 0:
             result = self._run(self.points, knn_graph(x, self.k), p, lam, min(each, left), self.weights, initial=x)
             results.append(result)
             x = result.value.astype(np.float64)
             left -= each
-        return _Found(x, "positions", sigma, self.sigma is None, p, lam, results)
+        return self._found(x, "positions", results, sigma=sigma, p=p, lam=lam)
 
-    def _by_normals(self, sigma: float) -> _Found:
+    def _by_normals(self, sigma: float) -> PointDenoising:
         p, x, d = 1.0 if self.p is None else self.p, self.points, self.points.shape[1]
         around = _around(sigma, spacing_of(x), self.k)
         found = planes(x, nearest(x, around))
@@ -114,8 +176,8 @@ class Task:
             # where there is hardly any noise it is the shape that makes normals differ
             noise = min(apart, tilt(found.extent, sigma, around))
             lam = fidelity_to_normals(noise)
-        if isinstance(lam, float) and math.isinf(lam):
-            return _Found(x, "normals", sigma, self.sigma is None, p, lam, [], found.normals)
+        if _is_infinite(lam):
+            return self._found(x, "normals", [], sigma=sigma, p=p, lam=lam, normals=found.normals)
         rows, results = f0, []
         for k in range(1 if self.weights is not None else _ROUNDS):
             alike = guided(bilateral(np.inf, _REACH), rows) if self.weights is None and k > 0 else self.weights
@@ -130,13 +192,25 @@ class Task:
             x = fitted_points(x, graph, normals, _REACH, moves, steps)
             left -= steps
             graph = knn_graph(x, self.k) if left > 0 else graph
-        return _Found(x, "normals", sigma, self.sigma is None, p, lam, results, normals)
+        return self._found(x, "normals", results, sigma=sigma, p=p, lam=lam, normals=normals)
 
     def _run(
-        self, f0: FloatArray, graph: Graph, p: float, lam: float | FloatArray, most: int, weights: Any, **more: Any
+        self,
+        f0: FloatArray,
+        graph: Graph,
+        p: float,
+        lam: float | FloatArray,
+        most: int,
+        weights: Any,
+        initial: FloatArray | None = None,
     ) -> Result:
         held = np.where(self.pinned, math.inf, lam) if self.pinned.any() else lam
-        return regularize(f0, graph, p=p, lam=held, weights=weights, max_iter=most, **self.model, **more)
+        return regularize(f0, graph, p=p, lam=held, weights=weights, max_iter=most, initial=initial, **self.options)
+
+
+def _is_infinite(lam: float | FloatArray) -> bool:
+    """Whether the fidelity pins everything."""
+    return isinstance(lam, float) and math.isinf(lam)
 
 
 def _around(sigma: float, spacing: float, k: int) -> int:

@@ -19,7 +19,7 @@ _PARABOLOID = 16
 
 
 class Planes(NamedTuple):
-    """The plane that fits each point's neighbourhood best.
+    """The planes that fit the neighbourhoods of points best.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Planes(NamedTuple):
 
 
 def nearest(points: FloatArray, k: int) -> IntArray:
-    """The point itself and the `k` nearest others of each point, (n, k + 1); fewer where there are fewer."""
+    """Find each point itself and the `k` nearest others, (n, k + 1); fewer where there are fewer."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(points).query(points, min(k, len(points) - 1) + 1, workers=-1)[1]
@@ -43,7 +43,7 @@ def nearest(points: FloatArray, k: int) -> IntArray:
 
 
 def spacing_of(points: FloatArray) -> float:
-    """Median distance from a point to the nearest other one; 0 where most points coincide."""
+    """Compute the median distance from a point to the nearest other one; 0 where most points coincide."""
     from scipy.spatial import cKDTree
 
     if len(points) < 2:
@@ -53,7 +53,7 @@ def spacing_of(points: FloatArray) -> float:
 
 
 def planes(points: FloatArray, near: IntArray) -> Planes:
-    """The planes through neighbourhoods, by their principal components."""
+    """Fit planes through neighbourhoods, by their principal components; `near` is (n, k)."""
     normals, extent = np.empty_like(points), np.empty(len(points))
     for begin in range(0, len(points), _PIECE):
         part = slice(begin, begin + _PIECE)
@@ -64,14 +64,14 @@ def planes(points: FloatArray, near: IntArray) -> Planes:
 
 
 def _components(around: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Variances along the principal directions of neighbourhoods (q, k, d), the smallest first, and the directions."""
+    """Compute variances along the principal directions of neighbourhoods (q, k, d), ascending, and the directions."""
     centred = around - around.mean(axis=1, keepdims=True)
     found = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred) / around.shape[1])
     return found.eigenvalues, found.eigenvectors
 
 
 def noise_along_normals(points: FloatArray) -> float:
-    """Deviation of the noise along the normals, from what paraboloids through neighbourhoods leave.
+    """Estimate the noise along the normals, from what paraboloids through neighbourhoods leave.
 
     The median over the points of the mean square residual, for the degrees of freedom that the fit took. Measured on
     four surfaces: 0.09 to 0.12 spacings at 0.1, 0.47 to 0.50 at 0.5, up to 0.05 where there is no noise.
@@ -101,14 +101,14 @@ def noise_along_normals(points: FloatArray) -> float:
 
 
 def projectors(normals: FloatArray) -> FloatArray:
-    """Projectors n n^T of unit vectors as rows (n, d (d + 1)/2), sqrt(2) sin(angle) apart, as the matrices are."""
+    """Write projectors n n^T of unit vectors as rows (n, d (d + 1)/2), sqrt(2) sin(angle) apart as matrices are."""
     i, j = np.triu_indices(normals.shape[1])
     rows: FloatArray = normals[:, i] * normals[:, j] * np.where(i == j, 1.0, np.sqrt(2))
     return rows
 
 
 def directions(rows: FloatArray, d: int) -> FloatArray:
-    """The unit vector whose projector is nearest to each row, (n, d)."""
+    """Find the unit vector whose projector is nearest to each row, (n, d)."""
     i, j = np.triu_indices(d)
     matrices = np.zeros((len(rows), d, d))
     matrices[:, i, j] = matrices[:, j, i] = rows / np.where(i == j, 1.0, np.sqrt(2))
@@ -119,7 +119,7 @@ def directions(rows: FloatArray, d: int) -> FloatArray:
 def fitted_points(
     points: FloatArray, graph: Graph, normals: FloatArray, reach: float, moves: FloatArray, steps: int
 ) -> FloatArray:
-    """Points moved so that neighbours lie on each other's planes, (n, d).
+    """Move points so that neighbours lie on each other's planes, (n, d).
 
     Each step moves a point x_u by moves(u)/3 of the mean over its neighbours of (n_u n_u^T + n_v n_v^T)(x_v - x_u),
     weighted by exp(-|n_u n_u^T - n_v n_v^T|^2 / reach^2): a step down the sum over edges of w ((n_u . (x_v - x_u))^2 +

@@ -1,4 +1,4 @@
-"""Patches of point clouds: what lies around a point, laid out on its tangent plane, to compare points by."""
+"""Describe points by patches: what lies around each, laid out on its tangent plane."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_points, checked_values
+from ..checks import integer
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.of_points import knn_graph
 from ..shapes.cloud import cloud_of
@@ -17,8 +19,11 @@ from .normals import nearest
 _PIECE = 1 << 14
 
 
-def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 16, side: int = 3) -> FloatArray:
-    """What lies around each point of a surface in space: heights over its tangent plane, or values, on a small grid.
+@door
+def point_patches(
+    points: Any, values: npt.ArrayLike | None = None, *, k: int = 16, patch_radius: int = 1
+) -> FloatArray:
+    """Describe each point of a surface by what lies around it: heights over its tangent plane, or values, on a grid.
 
     Parameters
     ----------
@@ -27,12 +32,12 @@ def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 
         Colours or whatever is to be compared. None: the heights of the neighbours over the plane.
     k : int, default 16
         Neighbours whom a patch is made of; their distances give its size.
-    side : int, default 3
-        Cells along a side.
+    patch_radius : int, default 1
+        Cells on each side of the middle one: 2 patch_radius + 1 along each axis.
 
     Returns
     -------
-    (n, side^2 m) float64 array
+    (n, (2 patch_radius + 1)^2 m) float64 array
         Features for :func:`gpureg.weights.gaussian`, or for :func:`patch_knn_graph`. Never NaN.
 
     Raises
@@ -61,11 +66,8 @@ def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 
     x = cloud_of(points).points
     if x.shape[1] != 3:
         raise ValueError(f"patches are those of points of space, (n, 3), got {x.shape}")
-    for name, number, least in (("k", k, 3), ("side", side, 1)):
-        if isinstance(number, bool) or not isinstance(number, int | np.integer):
-            raise TypeError(f"{name} must be an integer, got {number!r}")
-        if number < least:
-            raise ValueError(f"{name} must be at least {least}, got {number}")
+    integer("k", k, low=3)
+    side = 2 * integer("patch_radius", patch_radius, low=0) + 1
     f = None if values is None else checked_values(values, len(x)).astype(np.float64)
     near = nearest(x, k)
     m = 1 if f is None else f.shape[1]
@@ -80,7 +82,7 @@ def point_patches(points: Any, values: npt.ArrayLike | None = None, *, k: int = 
 
 
 def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> FloatArray:
-    """Patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
+    """Lay out patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
     q = len(around)
     centred = around - around.mean(axis=1, keepdims=True)
     frame = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred)).eigenvectors
@@ -117,6 +119,7 @@ def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> Float
     return laid
 
 
+@door
 def patch_knn_graph(
     points: Any,
     values: npt.ArrayLike | None = None,
@@ -165,9 +168,10 @@ def patch_knn_graph(
     """
     cloud = cloud_of(points)
     x = cloud.points
-    local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
-    if isinstance(among, bool) or not isinstance(among, int | np.integer) or among < k:
+    integer("k", k, low=1)
+    if integer("among", among) < k:
         raise ValueError(f"among must be an integer >= k = {k}, got {among!r}")
+    local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
     if features is not None and values is not None:
         raise ValueError("features are what is compared: leave values out, or features")
     rows = point_patches(cloud.points, values) if features is None else checked_points(features, "features")
@@ -186,7 +190,7 @@ def patch_knn_graph(
 
 
 def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: float) -> IntArray:
-    """Of each point's nearest the k whose features are nearest to its own, -1 where there are no more; (n, k)."""
+    """Find among each point's nearest the k whose features are nearest to its own, (n, k); -1: no more."""
     k = min(k, near.shape[1] - 1)
     chosen = np.full((len(x), k), -1, np.int64)
     for begin in range(0, len(x), _PIECE):
@@ -197,6 +201,6 @@ def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: 
         apart[far | (others == np.arange(begin, begin + len(others))[:, None])] = np.inf
         # of equals the nearer one: the order of the neighbours
         order = np.argsort(apart, axis=1, kind="stable")[:, :k]
-        kept = np.take_along_axis(others, order, axis=1)
-        chosen[part] = np.where(np.isfinite(np.take_along_axis(apart, order, axis=1)), kept, -1)
+        alike = np.take_along_axis(others, order, axis=1)
+        chosen[part] = np.where(np.isfinite(np.take_along_axis(apart, order, axis=1)), alike, -1)
     return chosen

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, unmasked
+from ..checks import choice, integer
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.edges import Metric, checked_spacing
 from ..graphs.grid import GridGraph
@@ -79,6 +81,7 @@ class RegionGraph(Graph):
         return distance
 
 
+@door
 def region_graph(
     labels: npt.ArrayLike,
     *,
@@ -133,10 +136,10 @@ def region_graph(
         raise TypeError(f"labels must be integers, got {image.dtype}")
     if not image.ndim or not image.size:
         raise ValueError(f"labels must be an image of one cell or more, got shape {image.shape}")
-    if metric not in METRICS:
-        raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
-    if background is not None and (isinstance(background, bool) or not isinstance(background, int | np.integer)):
-        raise TypeError(f"background must be an integer or None, got {background!r}")
+    choice("metric", metric, METRICS)
+    if background is not None:
+        integer("background", background)
+    rings = integer("rings", rings, low=1)
     sides = np.array(checked_spacing(spacing, image.ndim) or (1.0,) * image.ndim)
     offsets = GridGraph(image.shape, 1, metric).forward_offsets  # neighbours whatever the sizes of cells
     numbers, index = _numbered(image, background)
@@ -203,7 +206,7 @@ def _crossings(index: IntArray, step: IntArray, k: int) -> tuple[IntArray, IntAr
 
 
 def _runs(keys: IntArray) -> tuple[IntArray, IntArray]:
-    """The distinct keys in rising order, and how often each is there; the array is sorted in its place.
+    """The distinct keys in rising order, and how often each is there; the array itself is sorted.
 
     np.unique goes by hashes, which takes ten times as long for millions of keys.
     """

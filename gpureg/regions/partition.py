@@ -12,6 +12,9 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray, IntArray, all_finite, unmasked
 from ..backends.zones import LONGEST, Labels, Lengths
+from ..checks import flag, number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 
@@ -28,7 +31,7 @@ _BAND = 1 << 18
 @overload
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = ...,
@@ -38,16 +41,17 @@ def energy_partition(
 @overload
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = ...,
     return_energy: Literal[True],
     backend: str = ...,
 ) -> tuple[Labels, FloatArray]: ...
+@door
 def energy_partition(
     f: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     sources: npt.ArrayLike,
     *,
     compactness: float = 0.0,
@@ -107,11 +111,11 @@ def energy_partition(
     >>> gr.energy_partition(f, line, [0, -1, -1, -1, -1, 1], return_energy=True, backend="numpy")
     (array([0, 0, 0, 1, 1, 1], dtype=int32), array([0., 0., 5., 8., 1., 0.]))
     """
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     labels = _checked(sources, graph)
-    if not (isinstance(compactness, int | float | np.integer | np.floating) and compactness >= 0):
-        raise ValueError(f"compactness must be a number >= 0, got {compactness!r}")
-    lengths, unit = edge_lengths(values, graph, float(compactness))
+    return_energy = flag("return_energy", return_energy)
+    lengths, unit = edge_lengths(values, graph, number("compactness", compactness, low=0))
     device = backends.get(backend, np.float32)
     mu, found = device.influence_zones(graph, lengths, labels.reshape(-1).astype(np.int32))
     found = found.reshape(labels.shape)
@@ -123,8 +127,6 @@ def energy_partition(
 
 def vertex_values(f: npt.ArrayLike, graph: AnyGraph, name: str = "f") -> FloatArray:
     """A function on the vertices, checked, as a float array (n, m)."""
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
     array = unmasked(f, name)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold integers or real numbers, got {array.dtype}")

@@ -5,24 +5,24 @@ from __future__ import annotations
 import itertools
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..backends.zones import Labels
-from ..images.raster import as_image
+from ..checks import flag, integer, number
+from ..doors import door
+from ..images.raster import Raster
 from ..model.result import Interrupted, Result
 from ..regularization.regularize import regularize
 from ..weights import Weights, patch
 from .graph import RegionGraph, region_graph
+from .options import REGION_MODEL, WEIGHTS, RegionModel
 from .values import Model, region_values
-
-WeightKind = Literal["similarity", "constant", "border"]
-WEIGHTS: tuple[WeightKind, ...] = ("similarity", "constant", "border")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Regions:
     Attributes
     ----------
     image : array
-        The image, as it was given.
+        The image, as it was given, with any axes.
     labels : int32 array
         The region of each pixel, 0..k-1, in the image's shape without channels; -1 outside the mask.
     graph : RegionGraph
@@ -90,6 +90,7 @@ class Regions:
         """The image with each region painted in its regularized value, in the image's dtype."""
         return self.paint(self.values)
 
+    @door(name="Regions.paint")
     def paint(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """An image like the given one, with each region in a value of its own; pixels in no region stay as they are.
 
@@ -108,8 +109,9 @@ class Regions:
             limits = np.iinfo(self.image.dtype)
             array = np.clip(np.rint(array), limits.min, limits.max)
         painted = array.astype(self.image.dtype)[self.labels]
-        return as_image(painted, self.image, self.channel_axis, None if inside.all() else inside)
+        return Raster(self.image, None if inside.all() else inside, self.channel_axis).like(painted)
 
+    @door(name="Regions.random_colours")
     def random_colours(self, seed: int = 0) -> npt.NDArray[np.uint8]:
         """The partition with a random colour for each region, (..., 3); black outside the mask.
 
@@ -118,27 +120,31 @@ class Regions:
         seed : int, default 0
             The same seed gives the same colours.
         """
-        colours = np.random.default_rng(seed).integers(32, 256, (self.n_regions + 1, 3), dtype=np.uint8)
+        colours = np.random.default_rng(integer("seed", seed, low=0)).integers(
+            32, 256, (self.n_regions + 1, 3), dtype=np.uint8
+        )
         colours[-1] = 0  # where -1 leads
         return colours[self.labels]
 
+    @door(name="Regions.regularized", options=REGION_MODEL)
     def regularized(
         self,
         *,
-        p: float = 2.0,
         lam: float | npt.ArrayLike = 0.05,
-        weights: WeightKind | Weights | npt.ArrayLike = "similarity",
-        h: float | None = None,
-        by_size: bool = False,
-        max_iter: int | None = 30,
-        **settings: Any,
+        update_weights: int | None = None,
+        initial: npt.ArrayLike | None = None,
+        **options: Unpack[RegionModel],
     ) -> Regions:
         """Regularize the regions' models on their graph.
 
         Parameters
         ----------
-        p, lam, max_iter
-            As in :func:`gpureg.regularize`; lam may have one value per region.
+        lam : float or (k,) array, default 0.05
+            Fidelity >= 0, one number or one value per region, as in :func:`gpureg.regularize`.
+        p, update_weights, initial
+            As in :func:`gpureg.regularize`.
+        max_iter : int, optional
+            Iterations at most, 30 by default.
         weights : {"similarity", "constant", "border"}, Weights or array, default "similarity"
             "similarity" is w2^0 of the paper, exp(-|f(u) - f(v)|^2 / h^2) of the models. "border" takes the lengths of
             borders to the power of 2/p: with norm="edge" the smoothness is then that of the painted image. Or an object
@@ -149,9 +155,8 @@ class Regions:
         by_size : bool, default False
             Multiply lam by the regions' sizes over their mean: a pixel counts as much in a large region as in a small
             one.
-        **settings
-            Others of :func:`gpureg.regularize`: norm, gamma, coupled, eps, solver, tol, backend, dtype, callback,
-            progress.
+        gamma, coupled, norm, eps, solver, tol, backend, dtype, memory, callback, progress
+            As in :func:`gpureg.regularize`.
 
         Returns
         -------
@@ -164,15 +169,16 @@ class Regions:
             As :func:`gpureg.regularize`; the value of an interrupted run is an image.
         """
         begin = time.perf_counter()
+        asked: dict[str, Any] = REGION_MODEL | options
+        p, h, by_size = number("p", asked["p"], above=0), asked.pop("h"), flag("by_size", asked.pop("by_size"))
         fidelity: float | npt.ArrayLike = lam
         if by_size:
             assert self.graph.sizes is not None
             fidelity = np.asarray(lam, np.float64) * self.graph.sizes / self.graph.sizes.mean()
-        chosen = _weights(self.graph, self.models, weights, h, p)
+        asked["weights"] = _weights(self.graph, self.models, asked["weights"], h, p)
+        asked |= {"lam": fidelity, "update_weights": update_weights, "initial": initial}
         try:
-            result = regularize(
-                self.models, self.graph, p=p, lam=fidelity, weights=chosen, max_iter=max_iter, **settings
-            )
+            result = regularize(self.models, self.graph, **asked)
         except Interrupted as interruption:
             painted = self.paint(interruption.result.value)
             raise Interrupted(replace(interruption.result, value=painted)) from None
@@ -183,12 +189,13 @@ class Regions:
             seconds={**self.seconds, "regularization": time.perf_counter() - begin},
         )
 
-    def merged(self, tol: float) -> Regions:
+    @door(name="Regions.merged")
+    def merged(self, merge_tol: float) -> Regions:
         """Join neighbouring regions whose values have met: a coarser partition.
 
         Parameters
         ----------
-        tol : float
+        merge_tol : float
             Values whose distance is at most this, in the image's units, are joined, and what is joined to either.
 
         Returns
@@ -198,44 +205,46 @@ class Regions:
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             A tolerance that is no number >= 0.
         """
         from scipy import sparse
         from scipy.sparse.csgraph import connected_components
 
-        if not (isinstance(tol, int | float | np.integer | np.floating) and tol >= 0):
-            raise ValueError(f"tol must be a number >= 0, got {tol!r}")
+        merge_tol = number("merge_tol", merge_tol, low=0, finite=False)
         begin = time.perf_counter()
         k, graph = self.n_regions, self.graph
         assert graph.sizes is not None
-        met = graph.distances(self.values) <= tol
+        met = graph.distances(self.values) <= merge_tol
         links = sparse.csr_array((np.ones(int(met.sum()), bool), (graph.edge_rows()[met], graph.indices[met])), (k, k))
         part = connected_components(links, directed=False)[1]
         # in the order of their first regions
         first = np.sort(np.unique(part, return_index=True)[1])
-        number = np.empty(len(first), np.int32)
-        number[part[first]] = np.arange(len(first))
-        joined = number[part]
+        order = np.empty(len(first), np.int32)
+        order[part[first]] = np.arange(len(first))
+        joined = order[part]
         labels: Labels = np.append(joined, np.int32(-1))[self.labels]
         seeds = None if self._seeds is None else np.append(joined, np.int32(-1))[self._seeds]
-        models = models_of(self.image, self.channel_axis, labels, self.model, seeds, len(first))
+        models = models_of(Raster(self.image, None, self.channel_axis), labels, self.model, seeds, len(first))
         mass = np.bincount(joined, graph.sizes)
         values = np.stack([np.bincount(joined, graph.sizes * v) / mass for v in self.values.T], axis=1)
         coarse = region_graph(labels, **self._settings)
         seconds = {**self.seconds, "merging": time.perf_counter() - begin}
         return replace(self, labels=labels, graph=coarse, models=models, values=values, seconds=seconds, _seeds=seeds)
 
-    def hierarchy(self, lams: Iterable[float], *, tol: float, **settings: Any) -> tuple[Regions, ...]:
+    @door(name="Regions.hierarchy", options=REGION_MODEL)
+    def hierarchy(
+        self, *, lam: Sequence[float], merge_tol: float, **options: Unpack[RegionModel]
+    ) -> tuple[Regions, ...]:
         """Coarser and coarser partitions: regularize with one lam after another, and join what has met each time.
 
         Parameters
         ----------
-        lams : iterable of float
-            Fidelities, each smaller than the one before.
-        tol : float
+        lam : sequence of float
+            Fidelities >= 0, each smaller than the one before.
+        merge_tol : float
             As in :meth:`merged`.
-        **settings
+        **options
             As in :meth:`regularized`; p < 1 makes values meet.
 
         Returns
@@ -245,18 +254,21 @@ class Regions:
 
         Raises
         ------
-        ValueError
-            No lam, or one that is not smaller than the one before.
+        TypeError, ValueError
+            No list, or a lam that is not smaller than the one before.
         """
-        steps = [float(lam) for lam in lams]
+        if np.ndim(lam) != 1:
+            raise TypeError(f"lam must be a list of numbers, each smaller than the one before, got {lam!r}")
+        steps = [number("lam", step, low=0) for step in lam]
         if not steps or any(b >= a for a, b in itertools.pairwise(steps)):
-            raise ValueError(f"lams must fall, one after another, got {steps}")
+            raise ValueError(f"lam must fall, one after another, got {steps}")
         levels, current = [], self
-        for lam in steps:
-            current = current.regularized(lam=lam, **settings).merged(tol)
+        for step in steps:
+            current = current.regularized(lam=step, **options).merged(merge_tol)
             levels.append(current)
         return tuple(levels)
 
+    @door(name="Regions.plot")
     def plot(self, *, seed: int = 0, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the image, the partition in random colours, and the image painted with models and with values.
 
@@ -290,17 +302,9 @@ class Regions:
         )
 
 
-def models_of(
-    array: npt.NDArray[Any],
-    channel_axis: int | None,
-    labels: Labels,
-    model: Model,
-    seeds: Labels | None,
-    n_regions: int,
-) -> FloatArray:
+def models_of(raster: Raster, labels: Labels, model: Model, seeds: Labels | None, n_regions: int) -> FloatArray:
     """The models of all regions, (k, m)."""
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    return region_values(cells, labels, model, sources=seeds, n_regions=n_regions)
+    return region_values(raster.cells, labels, model, sources=seeds, n_regions=n_regions)
 
 
 def _weights(
@@ -311,6 +315,8 @@ def _weights(
         if h is not None:
             raise ValueError("h belongs to weights='similarity'")
         return weights  # type: ignore[no-any-return]
+    if h is not None:
+        number("h", h, above=0)
     if weights not in WEIGHTS:
         allowed = f"{', '.join(WEIGHTS)}, an object of gpureg.weights or an array"
         raise ValueError(f"weights must be one of {allowed}, got {weights!r}")
@@ -323,8 +329,6 @@ def _weights(
             return patch(0, h)
         typical = 2 * float(np.median(graph.distances(models)))
         return patch(0, typical) if typical > 0 else None
-    if not (isinstance(p, int | float | np.integer | np.floating) and p > 0):
-        return None  # regularize says what p must be
     assert graph.borders is not None
     with np.errstate(over="ignore"):
         lengths = graph.borders ** (2 / p)

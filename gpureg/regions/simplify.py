@@ -5,24 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from ..backends.zones import Labels
+from ..checks import choice, integer, number
+from ..doors import door
 from ..graphs.edges import Metric, checked_spacing
 from ..graphs.grid import GridGraph
 from ..images.guides import filled
-from ..images.raster import checked
-from ..model.problem import Norm
-from ..solvers import Solver
-from ..solvers.loop import Callback
-from ..weights import Weights
+from ..images.options import check_run
+from ..images.raster import Raster
 from . import sources as found_sources
-from .graph import region_graph
+from .graph import METRICS, region_graph
+from .options import REGION_MODEL, RegionModel
 from .partition import energy_partition
-from .regions import Regions, WeightKind, models_of
+from .regions import Regions, models_of
 from .values import MODELS, Model
 
 SourceKind = Literal["extrema", "gradient"]
@@ -36,35 +36,22 @@ ENOUGH = 0.1
 _SMOOTH_BITS = 16
 
 
+@door(options=REGION_MODEL)
 def simplify_image(
-    image: npt.ArrayLike,
+    image: npt.ArrayLike | Raster,
     *,
-    p: float = 2.0,
     lam: float = 0.05,
-    max_iter: int | None = 30,
-    tol: float | None = None,
-    weights: WeightKind | Weights | npt.ArrayLike = "similarity",
-    h: float | None = None,
-    norm: Norm = "vertex",
-    gamma: str | npt.ArrayLike = "sqrt",
-    coupled: bool = True,
-    by_size: bool = False,
     rings: int = 1,
     sources: SourceKind | int | npt.ArrayLike = "extrema",
     smooth: float | None = None,
     model: Model = "mean",
     metric: Metric = "cityblock",
     compactness: float = 0.0,
-    merge: float | None = None,
+    merge_tol: float | None = None,
     mask: npt.ArrayLike | None = None,
     spacing: Sequence[float] | None = None,
     channel_axis: int | None = None,
-    solver: str | Solver = "jacobi",
-    eps: float | None = None,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    callback: Callback | None = None,
-    progress: bool = False,
+    **options: Unpack[RegionModel],
 ) -> Regions:
     """Simplify an image or a volume: cut it into zones around its extrema, and regularize these instead of pixels.
 
@@ -72,10 +59,10 @@ def simplify_image(
     ----------
     image : array
         Two or more axes, besides the channels. Values are used as they come, never rescaled.
-    p, lam, max_iter, tol, norm, gamma, coupled, solver, eps, backend, dtype, callback, progress
-        As in :func:`gpureg.regularize`, for the functions on the regions; ``max_iter=0`` leaves the fine partition.
-    weights, h, by_size
-        As in :meth:`Regions.regularized`.
+    lam : float, default 0.05
+        Fidelity >= 0 of the function on the regions.
+    p, weights, h, by_size, max_iter, gamma, coupled
+        As in :meth:`Regions.regularized`; ``max_iter=0`` leaves the fine partition.
     rings : int, default 1
         Regions so many steps apart are neighbours too.
     sources : {"extrema", "gradient"}, int or array, default "extrema"
@@ -92,7 +79,7 @@ def simplify_image(
         Pixels are neighbours across edges (the paper's G_0), or corners too (G_1).
     compactness : float, default 0
         As in :func:`gpureg.energy_partition`: larger makes rounder zones.
-    merge : float, optional
+    merge_tol : float, optional
         Join regions whose regularized values are at most so far apart (:meth:`Regions.merged`).
     mask : bool array, optional
         True where a pixel takes part. The others are in no region, and come back as they are.
@@ -100,6 +87,8 @@ def simplify_image(
         Size of a pixel along each axis, for borders, sizes and centroids; None means 1.
     channel_axis : int, optional
         The axis of the channels; None for a grey image.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`, for the function on the regions.
 
     Returns
     -------
@@ -113,6 +102,11 @@ def simplify_image(
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`.
 
     Notes
     -----
@@ -129,21 +123,30 @@ def simplify_image(
     >>> bool((found.fine == image).all()), round(found.percent, 2)
     (True, 0.39)
     """
-    array = checked(image, channel_axis, mask)
-    inside = None if mask is None else np.asarray(mask)
-    if inside is not None and not inside.any():
+    asked: dict[str, Any] = REGION_MODEL | options
+    raster = Raster.of(image, channel_axis, mask)
+    check_run(asked)  # type: ignore[arg-type]
+    if raster.inside is not None and not raster.inside.any():
         raise ValueError("the mask leaves no pixel: True is where one takes part")
-    if model not in MODELS:
-        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
-    cells = array[..., None] if channel_axis is None else np.moveaxis(array, channel_axis, -1)
-    grid = GridGraph(cells.shape[:-1], 1, metric, mask=inside)
+    choice("model", model, MODELS)
+    choice("metric", metric, METRICS)
+    integer("rings", rings, low=1)
+    number("lam", lam, low=0, finite=False)
+    if merge_tol is not None:
+        number("merge_tol", merge_tol, low=0, finite=False)
+    if smooth is not None:
+        smooth = number("smooth", smooth, low=0)
+    if asked["max_iter"] is not None:
+        integer("max_iter", asked["max_iter"], low=0)
+    backend = asked["backend"]
+    grid = GridGraph(raster.shape, 1, metric, mask=raster.inside)
     checked_spacing(spacing, grid.ndim)
     seconds: dict[str, float] = {}
     with _timed(seconds, "sources"):
-        seen, seeds, sigma = _seen(cells, grid, sources, smooth, backend)
+        seen, seeds, sigma = _seen(raster.cells, grid, sources, smooth, backend)
     with _timed(seconds, "partition"):
         labels = energy_partition(seen, grid, seeds, compactness=compactness, backend=backend)
-    if inside is not None and (labels[inside] < 0).any():
+    if raster.inside is not None and (labels[raster.inside] < 0).any():
         raise ValueError("the markers reach only a part of the mask: give each of its pieces a marker")
     with _timed(seconds, "graph"):
         adjacency: dict[str, Any] = {"metric": metric, "spacing": spacing, "rings": rings}
@@ -151,41 +154,24 @@ def simplify_image(
     if graph.n_vertices != int(labels.max()) + 1:
         raise ValueError(f"markers must be numbered 0..k-1, {int(labels.max()) + 1 - graph.n_vertices} are missing")
     with _timed(seconds, "models"):
-        kept = seeds if model == "source" else None
-        models = models_of(array, channel_axis, labels, model, kept, graph.n_vertices)
+        own = seeds if model == "source" else None
+        models = models_of(raster, labels, model, own, graph.n_vertices)
     fine = Regions(
-        array,
+        raster.values,
         labels,
         graph,
         models,
         models,
         model,
         sigma,
-        channel_axis,
+        raster.channel_axis,
         None,
         seconds,
-        _seeds=kept,
+        _seeds=own,
         _settings=adjacency,
     )
-    found = fine.regularized(
-        p=p,
-        lam=lam,
-        weights=weights,
-        h=h,
-        by_size=by_size,
-        max_iter=max_iter,
-        tol=tol,
-        norm=norm,
-        gamma=gamma,
-        coupled=coupled,
-        solver=solver,
-        eps=eps,
-        backend=backend,
-        dtype=dtype,
-        callback=callback,
-        progress=progress,
-    )
-    return found if merge is None else found.merged(merge)
+    found = fine.regularized(lam=lam, **options)
+    return found if merge_tol is None else found.merged(merge_tol)
 
 
 @contextmanager
@@ -203,20 +189,18 @@ def _seen(
     backend: str,
 ) -> tuple[npt.NDArray[Any], Labels, float]:
     """What the partition looks at, the sources in it, and the standard deviation of the smoothing."""
-    if smooth is not None and not (isinstance(smooth, int | float | np.integer | np.floating) and 0 <= smooth < np.inf):
-        raise ValueError(f"smooth must be a number >= 0, or None, got {smooth!r}")
     if isinstance(given, str):
         if given not in SOURCES:
             raise ValueError(f"sources must be one of {', '.join(SOURCES)}, an integer or an array, got {given!r}")
         find = found_sources.extrema if given == "extrema" else found_sources.gradient_minima
         pixels = int(grid.n_vertices if grid.mask is None else grid.mask.sum())
-        for sigma in SMOOTHING if smooth is None else (float(smooth),):
+        for sigma in SMOOTHING if smooth is None else (smooth,):
             seen = _smoothed(cells, grid, sigma)
             seeds = find(seen, grid, backend=backend)
             if int(seeds.max()) + 1 <= ENOUGH * pixels:
                 break
         return seen, seeds, sigma
-    sigma = 0.0 if smooth is None else float(smooth)
+    sigma = 0.0 if smooth is None else smooth
     step = isinstance(given, int | np.integer) and not isinstance(given, bool)
     seeds = found_sources.seeds(grid, int(given)) if step else np.asarray(given)  # type: ignore[arg-type]
     return _smoothed(cells, grid, sigma), seeds, sigma

@@ -10,6 +10,9 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray
 from ..backends.zones import Labels
+from ..checks import choice, integer
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from .partition import flat_zones, step_bands, vertex_values
@@ -20,7 +23,8 @@ KINDS: tuple[Kind, ...] = ("both", "minima", "maxima")
 Flags = npt.NDArray[np.bool_]
 
 
-def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: str = "auto") -> Labels:
+@door
+def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: str = "auto") -> Labels:
     """Label the regional extrema of a function: the flat zones that have no neighbour below, or none above.
 
     Parameters
@@ -55,15 +59,16 @@ def extrema(f: npt.ArrayLike, graph: AnyGraph, *, kind: Kind = "both", backend: 
     >>> gr.sources.extrema([3, 3, 1, 2, 2, 5], gr.GridGraph(6), backend="numpy")
     array([ 0,  0,  1, -1, -1,  2], dtype=int32)
     """
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    choice("kind", kind, KINDS)
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     if values.shape[1] > 1:
         values = values.mean(axis=1, dtype=np.float64, keepdims=True)
     return _shaped(_regional(values, graph, kind, backends.get(backend, np.float32)), graph)
 
 
-def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto") -> Labels:
+@door
+def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto") -> Labels:
     """Label the regional minima of the gradient norm of a function: where it is flattest.
 
     Parameters
@@ -95,12 +100,14 @@ def gradient_minima(f: npt.ArrayLike, graph: AnyGraph, *, backend: str = "auto")
     >>> gr.sources.gradient_minima([0, 0, 0, 4, 9, 9], gr.GridGraph(6), backend="numpy")
     array([ 0,  0, -1, -1, -1,  1], dtype=int32)
     """
+    graph = as_graph(graph)
     values = vertex_values(f, graph)
     return _shaped(
         _regional(_squared_gradient(values, graph), graph, "minima", backends.get(backend, np.float32)), graph
     )
 
 
+@door
 def seeds(graph: GridGraph, step: int) -> Labels:
     """A grid of seeds: single cells, `step` cells apart along every axis, in the middle of their blocks.
 
@@ -130,10 +137,7 @@ def seeds(graph: GridGraph, step: int) -> Labels:
     """
     if not isinstance(graph, GridGraph):
         raise TypeError(f"seeds need a GridGraph, got {type(graph).__name__}")
-    if isinstance(step, bool) or not isinstance(step, int | np.integer):
-        raise TypeError(f"step must be an integer, got {step!r}")
-    if step < 1:
-        raise ValueError(f"step must be at least 1, got {step}")
+    step = integer("step", step, low=1)
     seeded: Flags = np.zeros(graph.shape, bool)
     # the middle of each block, or of what the border leaves of the first one
     seeded[tuple(slice(min(step, size) // 2, None, step) for size in graph.shape)] = True

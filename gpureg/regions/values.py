@@ -8,11 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, unmasked
+from ..checks import choice, integer
+from ..doors import door
 
 Model = Literal["mean", "median", "source"]
 MODELS: tuple[Model, ...] = ("mean", "median", "source")
 
 
+@door
 def region_values(
     f: npt.ArrayLike,
     labels: npt.ArrayLike,
@@ -53,8 +56,7 @@ def region_values(
     >>> gr.region_values([[1, 2, 8], [6, 8, 5]], labels), gr.region_values([[1, 2, 8], [6, 8, 5]], labels, "median")
     (array([3., 7.]), array([2., 8.]))
     """
-    if model not in MODELS:
-        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
+    choice("model", model, MODELS)
     values, given = unmasked(f, "f"), unmasked(labels, "labels")
     if values.dtype.kind not in "biuf":
         raise TypeError(f"f must hold integers or real numbers, got {values.dtype}")
@@ -69,7 +71,7 @@ def region_values(
         zones = _labels(marked, "sources")
         if marked.shape != shape:
             raise ValueError(f"sources must have the shape of labels, {shape}")
-    k = int(zones.max(initial=-1)) + 1 if n_regions is None else n_regions
+    k = int(zones.max(initial=-1)) + 1 if n_regions is None else integer("n_regions", n_regions, low=1)
     if zones.max(initial=-1) >= k:
         raise ValueError(f"labels must be below n_regions = {k}, got {zones.max()}")
     cells = values.reshape(given.size, -1)

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray
+from ..arrays import FloatArray, computed_type
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.matrices import undirected_edges
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
-from ..solvers.multigrid import cycle, is_there
+from ..solvers.multigrid import conjugate_gradients, cycle, is_there
 from ..weights import Weights
 
 if TYPE_CHECKING:
@@ -94,10 +94,8 @@ def harmonic(
     unknown = np.flatnonzero(~known)
     if not len(unknown):
         return f, reached
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype)
-    problem = Problem.make(
-        f0, graph, p=2.0, lam=0.0, weights=weights, gamma=gamma, norm="vertex", coupled=True, eps=0.0, dtype=kind
-    )
+    kind = computed_type(dtype)
+    problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind)
     on = DeviceProblem.put(problem, backends.get(backend, kind))
     edges = undirected_edges(on, wanted=~known)
     u, v, there, back = edges.u, edges.v, edges.there, edges.back
@@ -107,8 +105,8 @@ def harmonic(
     # both directions of every edge that starts at an unknown vertex
     start, end = np.concatenate([u, v]), np.concatenate([v, u])
     here, other = np.concatenate([there, back]), np.concatenate([back, there])
-    kept = place[start] >= 0
-    start, end, here, product = place[start[kept]], end[kept], here[kept], (here * other)[kept]
+    owned = place[start] >= 0
+    start, end, here, product = place[start[owned]], end[owned], here[owned], (here * other)[owned]
     inner = (place[end] >= 0) & (product > 0)
     pattern = sparse.coo_array((product[inner], (start[inner], place[end[inner]])), shape=(k, k)).tocsr()
     pinned = (place[end] < 0) & (product > 0)
@@ -142,7 +140,7 @@ def harmonic(
             f"the first fill did not converge in {steps} steps of conjugate gradients, the weights differ too "
             "much: more iterations (max_iter) and tol=None may be needed, or weights that differ less",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,  # of the caller of a door
         )
     values: FloatArray = root[:, None] * solved
     if np.array_equal(there, back):
@@ -191,11 +189,11 @@ def _by_gradients(
     precondition: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, list[int]]:
     """Some columns of the solution by conjugate gradients, the others as they were, and those that did not converge."""
-    from scipy.sparse import linalg
-
-    M = None if precondition is None else linalg.LinearOperator(A.shape, precondition, dtype=np.float64)
     x, left = start.copy(), []
     for k in columns:
-        x[:, k], code = linalg.cg(A, b[:, k], x0=start[:, k], rtol=RESIDUAL, maxiter=steps, M=M)
-        left += [k] if code else []
+        found = conjugate_gradients(
+            lambda r: A @ r, b[:, k], precondition, rtol=RESIDUAL, most=steps, start=start[:, k]
+        )
+        x[:, k] = found.x
+        left += [] if found.converged else [k]
     return x, left

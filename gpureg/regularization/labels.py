@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, overload
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, unmasked
+from ..checks import flag
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.problem import Norm
+from ..model.problem import Norm, uses_degrees
 from ..solvers import Solver
 from ..weights import Weights
 from .harmonic import harmonic
+from .options import RUN, Run
 from .regularize import regularize
 
 
 @overload
 def propagate_labels(
-    graph: AnyGraph, labels: npt.ArrayLike, *, return_scores: Literal[False] = False, **settings: Any
+    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[False] = False, **settings: Any
 ) -> IntArray: ...
 @overload
 def propagate_labels(
-    graph: AnyGraph, labels: npt.ArrayLike, *, return_scores: Literal[True], **settings: Any
+    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[True], **settings: Any
 ) -> tuple[IntArray, FloatArray]: ...
-def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings to this one
-    graph: AnyGraph,
+@door(options=RUN)  # type: ignore[misc]  # the overloads leave the settings to this one
+def propagate_labels(
     labels: npt.ArrayLike,
+    graph: AnyGraph,
     *,
     p: float = 3.0,
     weights: Weights | npt.ArrayLike | None = None,
@@ -39,19 +44,17 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     solver: str | Solver = "jacobi",
     max_iter: int = 5000,
     tol: float | None = 1e-6,
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-    progress: bool = False,
+    **options: Unpack[Run],
 ) -> IntArray | tuple[IntArray, FloatArray]:
     """Give every vertex of a graph a label, from the labels of a few (semi-supervised classification).
 
     Parameters
     ----------
-    graph : Graph or GridGraph
-        The graph of n vertices.
     labels : int array
         One label >= 0 per vertex, -1 where it is not known, shape (n,); on a :class:`GridGraph` also its shape. The
         labels may be any such numbers, with gaps.
+    graph : Graph or GridGraph
+        The graph of n vertices.
     p : float, default 3
         Degree of regularity. 2 is the harmonic solution of Zhu, Ghahramani and Lafferty (2003), which with few labels
         is nearly constant, with a spike at each label; a larger p is not.
@@ -70,10 +73,8 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
         Return the scores too.
     solver : str or Solver, default "jacobi"
     max_iter : int, default 5000
-    tol : float, optional
-    backend : str, default "auto"
-    dtype : dtype, optional
-    progress : bool, default False
+    tol : float, default 1e-6
+    backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
     Returns
@@ -110,11 +111,13 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
 
     >>> import gpureg as gr
     >>> graph = gr.Graph.from_edges([[0, 1], [1, 2], [2, 0], [2, 3], [3, 4], [4, 5], [5, 3]])
-    >>> gr.propagate_labels(graph, [7, -1, -1, -1, -1, 4], backend="numpy")
+    >>> gr.propagate_labels([7, -1, -1, -1, -1, 4], graph, backend="numpy")
     array([7, 7, 7, 4, 4, 4])
     """
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    if isinstance(labels, Graph | GridGraph):
+        raise TypeError("the labels come first now, then the graph: propagate_labels(labels, graph)")
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
+    balance, return_scores = flag("balance", balance), flag("return_scores", return_scores)
     given = _checked(graph, labels)
     flat = given.reshape(-1)
     known = flat >= 0
@@ -124,7 +127,15 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
     # The start decides how many sweeps are needed. After 300 at p = 3 the largest error was, on Cora with 5 labels a
     # class, 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the Minnesota roads, which are
     # far wider, 5e-1, 3e-1 and 5e-2. It is found in 0.02 to 0.04 s, the time of some 20 sweeps.
-    start, reached = harmonic(indicators, graph, known, weights=weights, gamma=gamma, backend=backend, dtype=dtype)
+    start, reached = harmonic(
+        indicators,
+        graph,
+        known,
+        weights=weights,
+        gamma=gamma,
+        backend=options.get("backend", "auto"),
+        dtype=options.get("dtype"),
+    )
     scores = regularize(
         indicators,
         graph,
@@ -140,9 +151,7 @@ def propagate_labels(  # type: ignore[misc]  # the overloads leave the settings 
         max_iter=max_iter,
         tol=tol,
         initial=start,
-        backend=backend,
-        dtype=dtype,
-        progress=progress,
+        **options,
     ).value
     scores[~reached] = 0
     if balance:

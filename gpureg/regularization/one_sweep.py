@@ -6,13 +6,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray, all_finite
+from ..arrays import FloatArray, all_finite, computed_type
 from ..backends import Backend, Weighted, over_patches
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget
@@ -41,16 +40,14 @@ def one_sweep(
     progress: bool = False,
     step: OneStep | None = None,
 ) -> Result:
-    """:func:`regularize` with p = 2, one undamped Jacobi sweep, and weights that are computed but not stored.
+    """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are computed but not stored.
 
     `weights` are such as :func:`gpureg.weights.patch_weights` finds. An energy needs stored weights: the result has
-    none. An interruption leaves no iterate. `step` says what the sweep does besides the book.
+    none. An interruption leaves no iterate. `step` says what differs from a sweep of eq. 25.
     """
     begin = time.perf_counter()
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
-    problem = Problem.make(
-        f0, graph, p=2.0, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
-    )
+    kind = computed_type(dtype)
+    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind)
     device = backends.get(backend, kind)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
@@ -60,20 +57,16 @@ def one_sweep(
     job = Job(
         channels=problem.f0.shape[1] + stored,
         weights=problem.weights,
-        per_vertex=averages or not isinstance(problem.lam, float),
+        per_vertex=averages or problem.lam.ndim > 0,
         stored=stored,
     )
     tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=stored))
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
         value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
-    return Result(
-        value=as_given(value, f0, graph),
+    return Result.bare(
+        as_given(value, f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
-        energy=np.empty(0),
-        checks=np.empty(0, np.int64),
-        gap=None,
-        error_bound=None,
         eps=problem.eps,
         method="Gauss-Jacobi (eq. 25), "
         + (
@@ -112,7 +105,7 @@ def _tiles_of_a_step(
 
 @dataclass(frozen=True)
 class OneStep:
-    """What one sweep at p = 2 with patch weights does besides the book.
+    """How one sweep at p = 2 with patch weights differs from eq. 25; by default not at all.
 
     Attributes
     ----------
@@ -141,16 +134,16 @@ class OneStep:
 def step_in_tiles(
     problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
 ) -> FloatArray:
-    """One sweep at p = 2 of patch weights, which are kept for a tile at most, (n, m)."""
+    """One sweep at p = 2 of patch weights, which are stored for one tile at a time, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
     for i, tile in enumerate(tiles.tiles):
         part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
-        kept = without_halo(part.graph, _step(part, backend, step), tile)
-        if not all_finite(kept):
+        interior = without_halo(part.graph, _step(part, backend, step), tile)
+        if not all_finite(interior):
             expect_finite(backend, 1, math.nan)
-        value.reshape(*grid.shape, -1)[tile.own] = kept
+        value.reshape(*grid.shape, -1)[tile.own] = interior
         report(i + 1, len(tiles.tiles))
     return value
 
@@ -170,18 +163,16 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
     if step.averaged is not None:
         weighted = backend.patch_distance(grid, f if guide is None else guide, form)
         return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
-    lam = part.lam if isinstance(part.lam, float) else backend.put(grid, part.lam[:, None])
+    lam = backend.put(grid, part.lam) if part.lam.ndim else float(part.lam)
     on_device = backend.put(grid, f)
     return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
 
 
-def _per_patch(grid: GridGraph, lam: float | FloatArray, radius: int) -> FloatArray:
+def _per_patch(grid: GridGraph, lam: FloatArray, radius: int) -> FloatArray:
     """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
     inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
-    count = over_patches(inside, radius)
-    every = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1), (grid.n_vertices,))
-    finite = np.where(np.isinf(every), 0, every) * count.ravel()
-    counted: FloatArray = np.where(np.isinf(every), every, finite)[:, None]
+    count = over_patches(inside, radius).reshape(-1, 1)
+    counted: FloatArray = np.where(np.isinf(lam), lam, np.where(np.isinf(lam), 0, lam) * count)
     return counted
 
 
@@ -190,7 +181,7 @@ def _averaged(
     backend: Backend,
     weighted: Weighted,
     f: FloatArray,
-    lam: float | FloatArray,
+    lam: FloatArray,
     step: OneStep,
     radius: int,
 ) -> FloatArray:
@@ -200,7 +191,7 @@ def _averaged(
     its own with lam/2 (at p = 2 a neighbour counts 2 w).
     """
     inside = np.ones((grid.n_vertices, 1)) if grid.mask is None else grid.mask.reshape(-1, 1).astype(np.float64)
-    fidelity = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), inside.shape)
+    fidelity = np.broadcast_to(lam, inside.shape)
     pinned = np.isinf(fidelity)
     centre = np.where(pinned, 0, fidelity) / 2
     if step.largest:

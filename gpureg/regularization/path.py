@@ -5,25 +5,27 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..graphs.csr import Graph
-from ..graphs.grid import GridGraph
+from ..arrays import unmasked
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..model.memory import budget
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem
+from ..model.problem import Problem, uses_degrees
 from ..model.result import Result
-from ..solvers import Solver, resolve, run
+from ..progress import progress_bar
+from ..solvers import resolve, run
+from ..weights import Weights
+from .options import MODEL, Model
 from .regularize import as_run, regularize, result_of, tiles_of
 
-# Those of `regularize` that a series of runs shares.
-SETTINGS = frozenset(
-    ("weights", "gamma", "norm", "coupled", "eps", "solver", "max_iter", "tol", "backend", "dtype", "memory")
-)
+# Those of `regularize` that a series of runs shares, and that mean the same for each run.
+SETTINGS = frozenset(("weights", "gamma", "coupled", "max_iter", *MODEL)) - {"callback", "progress"}
 
 
 class Series:
@@ -33,29 +35,32 @@ class Series:
 
     Parameters
     ----------
-    f0, graph, solver, backend, dtype, max_iter, tol, memory
+    f0, graph, weights, gamma, coupled, max_iter
         As :func:`gpureg.regularize`.
-    **model
-        `weights`, `gamma`, `norm`, `coupled` and `eps` of :func:`gpureg.regularize`.
+    **options
+        norm, eps, solver, tol, backend, dtype, memory, callback, progress, as :func:`gpureg.regularize`.
     """
 
     def __init__(
         self,
         f0: npt.ArrayLike,
-        graph: Graph | GridGraph,
+        graph: GraphLike,
         *,
-        solver: str | Solver = "jacobi",
+        weights: Weights | npt.ArrayLike | None = None,
+        gamma: str | npt.ArrayLike = "sqrt",
+        coupled: bool = True,
         max_iter: int | None = None,
-        tol: float | None = None,
-        backend: str = "auto",
-        dtype: npt.DTypeLike | None = None,
-        memory: int | None = None,
-        **model: Any,
+        **options: Unpack[Model],
     ) -> None:
-        self._f0, self._graph, self._model, self._memory = f0, graph, model, memory
-        self._solver = resolve(solver)
-        self._max_iter, self._tol, self._dtype = as_run(self._solver, max_iter, tol, dtype)
-        self._backend = backend
+        chosen = {**MODEL, **options}
+        self._f0, self._graph = f0, as_graph(graph, degrees=uses_degrees(gamma))
+        self._model: dict[str, Any] = {"weights": weights, "gamma": gamma, "coupled": coupled}
+        self._model |= {name: chosen[name] for name in ("norm", "eps")}
+        self._run = {name: chosen[name] for name in ("backend", "memory", "callback", "progress")}
+        self._solver = resolve(chosen["solver"])
+        self._max_iter, self._tol, self._dtype = as_run(
+            self._solver, max_iter, chosen["tol"], chosen["dtype"], chosen["callback"], chosen["progress"]
+        )
         self._on: DeviceProblem | None = None
         self._state: Any = None
         self._last: Result | None = None
@@ -63,29 +68,32 @@ class Series:
     def solve(self, lam: float | npt.ArrayLike, p: float) -> Result:
         """The run with this fidelity and degree."""
         begin = time.perf_counter()
-        model = {"weights": None, "gamma": "sqrt", "norm": "vertex", "coupled": True, "eps": None} | self._model
         problem = Problem.make(
-            self._f0, self._graph, p=p, lam=lam, dtype=self._dtype, smoothed=self._solver.smooths, **model
+            self._f0, self._graph, p=p, lam=lam, dtype=self._dtype, smoothed=self._solver.smooths, **self._model
         )
-        device = backends.get(self._backend, self._dtype)
+        device = backends.get(self._run["backend"], self._dtype)
+        callback = self._run["callback"]
         if self._last is None or self._on is None:
-            allowed = budget(device, self._memory)
-            if tiles_of(problem, device, self._solver, allowed, self._max_iter, self._tol, None, None) is not None:
+            allowed = budget(device, self._run["memory"])
+            if tiles_of(problem, device, self._solver, allowed, self._max_iter, self._tol, callback, None) is not None:
                 return self._in_tiles(lam, p)
             self._solver.accept(problem)
             self._on = DeviceProblem.put(problem, device)
         else:
             self._solver.accept(problem)
             self._on = self._on.changed(problem)
-        with np.errstate(over="ignore", invalid="ignore"):
+        with (
+            np.errstate(over="ignore", invalid="ignore"),
+            progress_bar(self._run["progress"], self._max_iter) as report,
+        ):
             outcome = run(
                 self._on,
                 self._solver,
                 self._on.put_function(problem.f0) if self._state is None else self._on.f0,
                 max_iter=self._max_iter,
                 tol=self._tol,
-                callback=None,
-                report=lambda done: None,
+                callback=callback,
+                report=report,
                 resume=self._state,
             )
         self._state = outcome.state
@@ -102,10 +110,9 @@ class Series:
             max_iter=self._max_iter,
             tol=self._tol,
             initial=None if self._last is None else self._last.value,
-            backend=self._backend,
             dtype=self._dtype,
-            memory=self._memory,
             **self._model,
+            **self._run,
         )
         return self._last
 
@@ -138,13 +145,18 @@ class Path:
         return self.results[k]
 
 
+@door(options=MODEL)
 def regularization_path(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     lam: float | npt.ArrayLike = 1.0,
     p: float | npt.ArrayLike = 2.0,
-    **settings: Any,
+    weights: Weights | npt.ArrayLike | None = None,
+    gamma: str | npt.ArrayLike = "sqrt",
+    coupled: bool = True,
+    max_iter: int | None = None,
+    **options: Unpack[Model],
 ) -> Path:
     """Regularize for a list of values of `lam` or of `p`, each run from where the last one ended.
 
@@ -155,9 +167,12 @@ def regularization_path(
     graph : Graph or GridGraph
     lam, p : float or sequence of float
         One of them a sequence: the values to solve for, in this order. Neighbouring values help each other.
-    **settings
-        `weights`, `gamma`, `norm`, `coupled`, `eps`, `solver`, `max_iter`, `tol`, `backend`, `dtype` and `memory` of
-        :func:`gpureg.regularize`. The weights are computed once.
+    weights, gamma, coupled
+        As in :func:`gpureg.regularize`. The weights are computed once.
+    max_iter : int, optional
+        Iterations of each run at most, as in :func:`gpureg.regularize`.
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`gpureg.regularize`. A callback sees the checks of all runs; True stops the run of one value.
 
     Returns
     -------
@@ -187,14 +202,14 @@ def regularization_path(
     if sum(many.values()) != 1:
         given = "both" if all(many.values()) else "neither"
         raise ValueError(f"one of lam and p must be a sequence of values, got {given}")
-    for name in settings:
-        if name not in SETTINGS:
-            raise TypeError(f"{name} is not a setting of a path: use {', '.join(sorted(SETTINGS))}")
     parameter = "lam" if many["lam"] else "p"
-    values = np.asarray(lam if many["lam"] else p, np.float64)
+    values = unmasked(lam if many["lam"] else p, parameter)
     if values.ndim != 1:
         raise ValueError(f"{parameter} must be a list of numbers, got an array of shape {values.shape}")
-    series = Series(f0, graph, **settings)
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"{parameter} must be a list of numbers, got {values.dtype}")
+    values = values.astype(np.float64)
+    series = Series(f0, graph, weights=weights, gamma=gamma, coupled=coupled, max_iter=max_iter, **options)
     results = []
     for value in values.tolist():
         results.append(series.solve(value, p) if parameter == "lam" else series.solve(lam, value))  # type: ignore[arg-type]

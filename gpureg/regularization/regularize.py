@@ -10,14 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray
+from ..arrays import FloatArray, computed_type
 from ..backends import Backend
-from ..checks import integer, number
+from ..checks import flag, integer, number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget, readable
 from ..model.on_device import DeviceProblem
-from ..model.problem import Norm, Problem, as_function
+from ..model.problem import Norm, Problem, as_function, uses_degrees
 from ..model.result import Interrupted, Result, Stop
 from ..progress import progress_bar
 from ..solvers import Jacobi, Solver, resolve, run
@@ -27,9 +29,10 @@ from .tiled import run_in_tiles, why_whole
 from .tiling import Tiling, halo, tiling, work_of
 
 
+@door
 def regularize(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     *,
     p: float = 2.0,
     lam: float | npt.ArrayLike = 1.0,
@@ -57,8 +60,9 @@ def regularize(
         The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
         channels. Values are used as they come.
     graph : Graph or GridGraph
-        The graph of n vertices. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex out;
-        such a value decides nothing, but patches that reach over it see it (NaN as 0).
+        The graph of n vertices; or a symmetric sparse matrix of weights of scipy, or a graph of networkx, whose loops
+        are left out with a warning. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex
+        out; such a value decides nothing, but patches that reach over it see it (NaN as 0).
     p : float, default 2
         Degree of regularity > 0: 2 is Tikhonov's, 1 total variation, towards 0 the result becomes piecewise constant.
     lam : float or array, default 1
@@ -68,7 +72,7 @@ def regularize(
         An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: the graph's own, or 1.
     gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array, default "sqrt"
         gamma(u, v) of eq. 4: sqrt(w), sqrt(w/2), sqrt(w/(2 deg u)), sqrt(w/deg u); or one value >= 0 per stored
-        directed edge, symmetric or not, in the place of any weights.
+        directed edge, symmetric or not, instead of any weights.
     norm : {"vertex", "edge"}, default "vertex"
         The smoothness: "vertex" is eq. 20, the gradient norm of a vertex raised to p (isotropic); "edge" is eq. 30,
         every edge by itself (anisotropic). They differ by a factor even at p = 2: "edge" with lam is "vertex" with
@@ -146,10 +150,11 @@ def regularize(
     The largest change in one iteration fell to the tolerance.
     """
     begin = time.perf_counter()
+    graph = as_graph(graph, degrees=uses_degrees(gamma))
     method = resolve(solver)
-    max_iter, tol, kind = as_run(method, max_iter, tol, dtype)
+    max_iter, tol, kind = as_run(method, max_iter, tol, dtype, callback, progress)
     if update_weights is not None:
-        integer("update_weights", update_weights, low=1)
+        update_weights = integer("update_weights", update_weights, low=1)
         if not method.renews:
             raise ValueError(
                 "update_weights needs a process such as solver='jacobi': 'certified' finds the minimum for weights "
@@ -160,8 +165,6 @@ def regularize(
                 "update_weights needs a weight function to compute anew, such as gpureg.weights.bilateral(...), "
                 f"got weights={'None' if weights is None else 'an array'}"
             )
-    if callback is not None and not callable(callback):
-        raise TypeError(f"callback must be callable, got {callback!r}")
     problem = Problem.make(
         f0,
         graph,
@@ -180,14 +183,15 @@ def regularize(
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
-    steps = None if update_weights is None else int(update_weights)
     threshold = None if tol is None else tol * (problem.data_range or 1.0)
-    tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, steps)
+    tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, update_weights)
     first = problem.f0 if start is None else start
     # Numbers out of the type's range are found by the loop, which says so in a sentence.
     with np.errstate(over="ignore", invalid="ignore"):
         if tiles is not None:
-            return _in_tiles(problem, device, method, tiles, first, f0, max_iter, threshold, steps, progress, begin)
+            return _in_tiles(
+                problem, device, method, tiles, first, f0, max_iter, threshold, update_weights, progress, begin
+            )
         with progress_bar(progress, max_iter) as report:
             on_device = DeviceProblem.put(problem, device)
             outcome = run(
@@ -199,23 +203,28 @@ def regularize(
                 tol=tol,
                 callback=callback,
                 report=report,
-                update_weights=steps,
+                update_weights=update_weights,
             )
     return result_of(outcome, f0, graph, begin)
 
 
 def as_run(
-    method: Solver, max_iter: int | None, tol: float | None, dtype: npt.DTypeLike | None
+    method: Solver,
+    max_iter: int | None,
+    tol: float | None,
+    dtype: npt.DTypeLike | None,
+    callback: Callback | None,
+    progress: bool,
 ) -> tuple[int, float | None, np.dtype[Any]]:
-    """Iterations at most, tolerance and type, checked; what the solver says where there is none."""
+    """Check how a run is done; iterations at most, tolerance and type, the solver's own where there is none."""
+    if callback is not None and not callable(callback):
+        raise TypeError(f"callback must be callable, got {callback!r}")
+    flag("progress", progress)
     most = method.most if max_iter is None else max_iter
     tol = method.tol if tol is None else tol
     most = integer("max_iter", most, low=0)
     tol = None if tol is None else number("tol", tol, low=0)
-    kind: np.dtype[Any] = np.dtype(np.float32 if dtype is None else dtype).newbyteorder("=")
-    if kind not in (np.float32, np.float64):
-        raise ValueError(f"dtype must be float32 or float64, got {kind}")
-    return most, tol, kind
+    return most, tol, computed_type(dtype)
 
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
@@ -258,7 +267,7 @@ def tiles_of(
         norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
         weights=problem.weights,
         directed=not isinstance(problem.gamma, str),
-        per_vertex=not isinstance(problem.lam, float),
+        per_vertex=problem.lam.ndim > 0,
         keeps=method.keeps(problem),
     )
     need = job.need(problem.graph, device)
@@ -305,14 +314,10 @@ def _in_tiles(
             update_weights=update_weights,
             report=lambda done, of: report(done),
         )
-    result = Result(
-        value=as_given(outcome.value, f0, problem.graph),
+    result = Result.bare(
+        as_given(outcome.value, f0, problem.graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        energy=np.empty(0),
-        checks=np.empty(0, np.int64),
-        gap=None,
-        error_bound=None,
         eps=problem.eps,
         method=outcome.method,
         backend=repr(device),

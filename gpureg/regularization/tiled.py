@@ -1,4 +1,4 @@
-"""A job on a grid in tiles, with a halo so wide that what is kept of each is what the whole would give, to the bit.
+"""A job on a grid in tiles, with a halo so wide that the interior of each is what the whole gives, to the bit.
 
 n sweeps carry data over n neighbourhoods of reach k, and over n more where the gradient's norm enters (p != 2); weights
 look k' cells further. So a tile is widened by n k + k', or 2 n k + k'. Many sweeps run in blocks of n, between which
@@ -115,17 +115,17 @@ def run_in_tiles(
             start = rows_of(grid, current, tile.wide)
             compared = None if reference is None else rows_of(grid, reference, tile.wide)
             found = _sweeps(part, backend, solver, start, compared, sweeps, raw=done > 0, looks=looks)
-            kept = without_halo(part.graph, found.f, tile)
-            if not all_finite(kept):
+            interior = without_halo(part.graph, found.f, tile)
+            if not all_finite(interior):
                 expect_finite(backend, done + sweeps, math.nan)
-            after.reshape(*grid.shape, -1)[tile.own] = kept
+            after.reshape(*grid.shape, -1)[tile.own] = interior
             if found.scale is not None:
                 if scale is None:
                     scale = np.empty((grid.n_vertices, 1))
                 scale.reshape(*grid.shape, 1)[tile.own] = without_halo(part.graph, found.scale, tile)
             if found.previous is not None:
                 change = max(
-                    change, _change(kept, without_halo(part.graph, found.previous, tile), found.scale, part, tile)
+                    change, _change(interior, without_halo(part.graph, found.previous, tile), found.scale, part, tile)
                 )
             method = found.method
             finished += 1

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Backend
 from ..graphs.grid import GridGraph
-from ..graphs.grid_parts import part_of, rows_of
+from ..graphs.grid_parts import rows_of
 from ..model.memory import Budget, Job, Need, readable
 from ..model.problem import Problem
 from ..weights import Weights, patch_weights
@@ -25,14 +25,22 @@ _TRANSFER, _HOST_WEIGHT, _WEIGHT, _PATCH_ROW = 40.0, 20.0, 2.0, 1.0
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of a grid: what is kept of it, what is computed with the halo, and where the former is in the latter."""
+    """A part of a grid.
+
+    Attributes
+    ----------
+    own : tuple of slice
+        Its interior, a slice along each axis.
+    wide : tuple of slice
+        The same with the halo, which is computed as well.
+    """
 
     own: tuple[slice, ...]
     wide: tuple[slice, ...]
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """The kept part inside the computed one."""
+        """The interior, counted inside the computed part."""
         return tuple(
             slice(own.start - wide.start, own.stop - wide.start) for own, wide in zip(self.own, self.wide, strict=True)
         )
@@ -52,9 +60,9 @@ class Tiling:
 
     @property
     def waste(self) -> float:
-        """Cells computed over cells kept."""
-        kept = sum(math.prod(s.stop - s.start for s in tile.own) for tile in self.tiles)
-        return float(sum(math.prod(tile.shape) for tile in self.tiles) / kept)
+        """Cells computed over cells of the interiors."""
+        own = sum(math.prod(s.stop - s.start for s in tile.own) for tile in self.tiles)
+        return float(sum(math.prod(tile.shape) for tile in self.tiles) / own)
 
 
 def halo(problem: Problem, sweeps: int) -> tuple[int, ...]:
@@ -180,10 +188,10 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
     """The problem on a tile."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
-    part = part_of(grid, tile.wide)
+    part = grid.part(tile.wide)
     lam, weights = problem.lam, problem.weights
-    if not isinstance(lam, float):
-        lam = lam.reshape(grid.shape)[tile.wide].reshape(-1)
+    if lam.ndim:
+        lam = lam.reshape(grid.shape)[tile.wide].reshape(-1, 1)
     if isinstance(weights, Weights):
         weights = weights.part(grid, tile.wide)
     elif weights is not None:

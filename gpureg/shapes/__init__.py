@@ -1,1 +1,1 @@
-"""Meshes and point clouds of any library as arrays, and back."""
+"""Meshes and point clouds of any library as arrays, and back; curves, open or closed."""

@@ -1,4 +1,4 @@
-"""Point clouds of whoever's making, as an array of points, and back: :class:`Cloud`."""
+"""Convert point clouds of any library to an array of points, and back: :class:`Cloud`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Cloud:
 
 
 def cloud_of(points: Any) -> Cloud:
-    """The cloud of points of any kind that is known, checked.
+    """Make a cloud of points of any kind that is known, and check it; a :class:`Cloud` comes back as it is.
 
     Parameters
     ----------
@@ -33,6 +33,8 @@ def cloud_of(points: Any) -> Cloud:
     TypeError, ValueError
         Another kind of thing, points that are not finite, a mesh with faces.
     """
+    if isinstance(points, Cloud):
+        return points
     pyvista = hasattr(points, "point_data") and hasattr(points, "points")
     # of the type: to ask a mesh for its normals would compute them
     faces = len(getattr(points, "faces", ())) > 0 if pyvista else hasattr(type(points), "face_normals")

@@ -1,4 +1,4 @@
-"""Triangle meshes of whoever's making, as vertices and faces, and back: :class:`Surface`."""
+"""Convert triangle meshes of any library to vertices and faces, and back: :class:`Surface`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Surface:
     make: Maker
 
     def like(self, vertices: FloatArray, faces: IntArray | None = None, kept: IntArray | None = None) -> Any:
-        """A mesh of the kind that came in.
+        """Make a mesh of the kind that came in.
 
         Parameters
         ----------
@@ -42,7 +42,7 @@ class Surface:
         return self.make(vertices, self.faces if faces is None else faces, same if kept is None else kept)
 
     def welded(self) -> tuple[Surface, IntArray]:
-        """The surface in which vertices on the same point are one, and which one each vertex has become.
+        """Join vertices on the same point: return the surface, and which vertex each has become, (n,).
 
         Files such as STL repeat a vertex for each of its faces, others at the seams of textures: to a graph such
         copies would be borders, along which the surface tears.
@@ -64,7 +64,7 @@ class Surface:
 
 
 def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
-    """The surface of a mesh of any kind that is known, checked.
+    """Make a surface of a mesh of any kind that is known, and check it; a :class:`Surface` comes back as it is.
 
     Parameters
     ----------
@@ -77,6 +77,8 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
     TypeError, ValueError
         Another kind of thing, vertices that are not finite points of space, faces that are no triangles.
     """
+    if isinstance(mesh, Surface) and faces is None:
+        return mesh
     if faces is not None:
         mesh = (mesh, faces)
     for known in (_of_pair, _of_trimesh, _of_pyvista, _of_open3d):
@@ -107,7 +109,7 @@ def _of_pair(mesh: Any) -> _Found | None:
 
 
 def _pair_like(dtype: np.dtype[Any]) -> Maker:
-    """Pairs whose vertices keep their type, where it is one of floating point."""
+    """Make pairs whose vertices keep their type, where it is one of floating point."""
     kind = dtype if dtype.kind == "f" else np.dtype(np.float64)
 
     def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
@@ -174,14 +176,14 @@ def _of_open3d(mesh: Any) -> _Found | None:
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """The vector area of each triangle, (F, 3): along its normal, as long as its area."""
+    """Compute the vector area of each triangle, (F, 3): along its normal, as long as its area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area: FloatArray = 0.5 * np.cross(b - a, c - a)
     return area
 
 
 def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normals of triangles, (F, 3); 0 where a triangle has no area."""
+    """Compute unit normals of triangles, (F, 3); 0 where a triangle has no area."""
     vectors = face_vectors(vertices, faces)
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     normals: FloatArray = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
@@ -189,7 +191,7 @@ def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
-    """Whether each vertex lies on an edge of one face only, (n,)."""
+    """Find the vertices that lie on an edge of one face only, (n,) bool."""
     edges = np.sort(face_edges(faces), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     border = np.zeros(n_vertices, bool)
@@ -198,7 +200,7 @@ def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
 
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
+    """Compute unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
     from scipy import sparse
 
     corners = faces.ravel()

@@ -6,6 +6,7 @@ To add one: a file here with a frozen dataclass that has ``start``, ``advance`` 
 
 from __future__ import annotations
 
+from ..checks import choice
 from .certified import Certified
 from .euler import Euler
 from .jacobi import Jacobi
@@ -27,9 +28,7 @@ def resolve(solver: str | Solver) -> Solver:
         Neither a name nor a solver.
     """
     if isinstance(solver, str):
-        if solver not in SOLVERS:
-            raise ValueError(f"unknown solver {solver!r}: use {', '.join(SOLVERS)}, or a solver object")
-        return SOLVERS[solver]()
+        return SOLVERS[choice("solver", solver, SOLVERS)]()
     if not isinstance(solver, Solver):
         raise TypeError(f"solver must be a name or a solver object such as gpureg.Jacobi(), got {solver!r}")
     return solver

@@ -15,9 +15,9 @@ from ..arrays import FloatArray
 from ..backends import Array
 from ..model.on_device import DeviceProblem
 
-# Differences kept, and iterates from a mix to the next. Measured on total variation of an image of 128 x 128 (eps 1e-3
-# of the range, to a distance of 1e-4; 1502 plain sweeps): a mix in each, with the differences of single sweeps, 184
-# iterations and 10 products in each; in every third 111 and as many; as it is 152 and 2.75.
+# Differences in the history, and iterates from a mix to the next. Measured on total variation of an image of 128 x 128
+# (eps 1e-3 of the range, to a distance of 1e-4; 1502 plain sweeps): a mix in each, with the differences of single
+# sweeps, 184 iterations and 10 products in each; in every third 111 and as many; as it is 152 and 2.75.
 MEMORY = 10
 PERIOD = 4
 
@@ -32,7 +32,7 @@ class History:
     Attributes
     ----------
     last : pair of arrays or None
-        Residual and image of the last sweep that was kept.
+        Residual and image of the last sweep of the history.
     columns : tuple of pairs of arrays
         Differences, the newest last.
     gram : (k, k) float array
@@ -50,21 +50,21 @@ class History:
         """With one more sweep, from f to its image; both are copied, and the oldest difference makes room."""
         backend, weighted, m = problem.backend, problem.weighted, problem.channels
         free: tuple[Array, Array] | tuple[None, None] = None, None
-        kept = self
+        before = self
         if len(self.columns) == MEMORY:
-            free, kept = self.columns[0], self.younger(1)
+            free, before = self.columns[0], self.younger(1)
         residual, copy = (backend.empty(weighted.graph, m) if x is None else x for x in free)
         backend.combine(weighted.graph, 1.0, image, -1.0, f, out=residual)
         backend.copy(weighted.graph, image, out=copy)
-        if kept.last is None:
-            return replace(kept, last=(residual, copy))
-        for now, before in zip((residual, copy), kept.last, strict=True):
-            backend.combine(weighted.graph, 1.0, now, -1.0, before, out=before)
-        columns = (*kept.columns, kept.last)
-        row = np.array([backend.dot(weighted.graph, kept.last[0], other) for other, _ in columns])
-        gram = np.block([[kept.gram, row[:-1, None]], [row[None]]])
+        if before.last is None:
+            return replace(before, last=(residual, copy))
+        for now, last in zip((residual, copy), before.last, strict=True):
+            backend.combine(weighted.graph, 1.0, now, -1.0, last, out=last)
+        columns = (*before.columns, before.last)
+        row = np.array([backend.dot(weighted.graph, before.last[0], other) for other, _ in columns])
+        gram = np.block([[before.gram, row[:-1, None]], [row[None]]])
         # the residual has moved by the new column
-        products = np.append(kept.products + row[:-1], backend.dot(weighted.graph, kept.last[0], residual))
+        products = np.append(before.products + row[:-1], backend.dot(weighted.graph, before.last[0], residual))
         return History((residual, copy), columns, gram, products)
 
     def younger(self, oldest: int) -> History:
@@ -90,8 +90,8 @@ class Anderson:
 
     history: History
     spare: Array  # for the mix
-    since: int = 0  # sweeps since one was kept
-    kept: int = 0
+    since: int = 0  # sweeps since one went into the history
+    accepted: int = 0
     rejected: int = 0
 
     @classmethod
@@ -100,7 +100,7 @@ class Anderson:
         return cls(History(), problem.backend.empty(problem.weighted.graph, problem.channels))
 
     def after(self, problem: DeviceProblem, f: Array, image: Array) -> tuple[Anderson, float | None]:
-        """With one more sweep, from f to its image; and the energy of the mix in ``spare``, if it is to be kept.
+        """With one more sweep, from f to its image; and the energy of the mix in ``spare``, if it is accepted.
 
         A mix that would raise the energy is not: then the older half of the history goes, which may no longer hold.
         """
@@ -114,7 +114,7 @@ class Anderson:
         energy = problem.energy(self.spare)
         # no allowance for rounding: where it decides, plain sweeps do better (3.5 times as many iterations, measured)
         if energy <= problem.energy(f):
-            return replace(mixed, kept=self.kept + 1), energy
+            return replace(mixed, accepted=self.accepted + 1), energy
         history = history.younger(len(history.columns) // 2)
         return replace(mixed, history=history, rejected=self.rejected + 1), None
 
@@ -122,7 +122,7 @@ class Anderson:
         """How it went, as a clause."""
         return (
             f"one iterate in {PERIOD} mixed from {MEMORY + 1} sweeps at most (Anderson), "
-            f"{self.rejected} of {self.kept + self.rejected} mixes rejected"
+            f"{self.rejected} of {self.accepted + self.rejected} mixes rejected"
         )
 
 

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar, Generic
 
 import numpy as np
 
 from ..backends import Array
 from ..checks import choice, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
 from . import multigrid
 from .dual import Dual, hidden
 from .linear import Linear
-from .loop import Course, Method, Solver
+from .loop import Course, S, Solver
 from .newton import Newton
 from .stopping import largest_value
 
-METHODS: dict[str, type[Method]] = {"dual": Dual, "linear": Linear, "newton": Newton}
+METHODS: dict[str, type[Solver]] = {"dual": Dual, "linear": Linear, "newton": Newton}
 
 
 # Iterations to go from which on Newton's method is the shorter way: at 512 x 512 it takes 3 to 5 s, as long as 300
@@ -33,9 +34,9 @@ _HOST_EDGES = 1 << 28
 
 
 @dataclass(frozen=True)
-class _State:
-    method: Method
-    inner: Any
+class _State(Generic[S]):
+    method: Solver[S]
+    inner: S  # the method's own state
     begun: int  # at which check of the course the method began
     before: str = ""  # what came before it
     bound: float = -math.inf  # the highest dual energy so far
@@ -49,8 +50,9 @@ class _State:
         return self.inner.previous
 
 
+@door
 @dataclass(frozen=True)
-class Certified(Solver):
+class Certified(Solver[_State]):
     """The minimiser for p >= 1 and lam > 0, to a duality gap that is measured.
 
     Parameters
@@ -91,7 +93,6 @@ class Certified(Solver):
     tol: float | None = 1e-4
     method: str = "auto"
 
-    check_every = 1  # the methods know better
     most: ClassVar[int] = 20_000
     smooths: ClassVar[bool] = False
     renews: ClassVar[bool] = False
@@ -122,9 +123,9 @@ class Certified(Solver):
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
         """What the method does that comes first."""
-        return self._first(problem.p).keeps
+        return self._first(problem.p).keeps(problem)
 
-    def _first(self, p: float) -> Method:
+    def _first(self, p: float) -> Solver:
         return METHODS[self.method if self.method != "auto" else "linear" if p == 2 else "dual"]()
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
@@ -140,12 +141,13 @@ class Certified(Solver):
 
     def next_check(self, state: _State, done: int) -> int:
         """When the method says so."""
-        return state.method.next_check(done)
+        return state.method.next_check(state.inner, done)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """The method's gap; a method that would take long makes room for Newton's."""
         energy = course.energies[-1]
-        inner, gap = state.method.certify(problem, state.inner, energy)
+        inner, gap = state.method.certify(problem, state.inner, course)
+        assert gap is not None  # every method of METHODS has one
         # no dual energy is above the minimum: the highest may be an earlier one
         gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..backends import Array
 from ..model.on_device import DeviceProblem
-from .loop import Method
+from ..model.problem import Problem
+from .loop import Course, Solver
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,12 @@ class _State:
 
 
 @dataclass(frozen=True)
-class Dual(Method):
+class Dual(Solver[_State]):
     """FISTA on the dual problem."""
 
-    keeps = (1, 2)
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """The start, and two functions on the edges."""
+        return 1, 2
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """From y = 0, or from the slopes of `initial` where these are better."""
@@ -79,14 +82,15 @@ class Dual(Method):
         backend.primal(weighted, state.y_previous, problem.f0, problem.lam, out=state.previous)
         return replace(state, f=state.previous, previous=state.f, y=state.y_previous, y_previous=state.y, t=t)
 
-    def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
+    def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """The duality gap; a D that has fallen since the last check ends the momentum."""
+        energy = course.energies[-1]
         gap = duality_gap(problem, state.f, state.y, energy)
         dual = energy - gap
         fallen = dual < state.dual
         return replace(state, dual=dual, t=1.0 if fallen else state.t, restarts=state.restarts + fallen), gap
 
-    def next_check(self, done: int) -> int:
+    def next_check(self, state: _State, done: int) -> int:
         """A tenth further, so that looking costs a tenth at most."""
         return done + max(10, done // 10)
 

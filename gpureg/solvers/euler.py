@@ -11,24 +11,21 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Array, Smoothness
 from ..checks import integer, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
-from .stopping import LOCAL, Process, Slope, Travel
+from .stopping import LOCAL, Process, ProcessState
 
 
 @dataclass(frozen=True)
-class _State:
-    f: Array  # the last whole iterate
-    previous: Array  # the one before it, to be overwritten by the next
-    g: Array | None  # scratch for the conductances
-    tau: float | Array  # the step, per vertex where gamma has a factor of the vertex's own
+class _State(ProcessState):
+    tau: float | Array  # the step; (n, 1) on the device where gamma has a factor of the vertex's own
     step: float
     bound: float
-    watch: Slope | Travel | None  # what the stop test needs
-    local: bool  # whether there can be other minima
 
 
+@door
 @dataclass(frozen=True)
-class Euler(Process):
+class Euler(Process[_State]):
     """Explicit Euler steps: f + tau (lam (f0 - f) - p-Laplacian of f) (eq. 24).
 
     Parameters
@@ -95,8 +92,8 @@ class Euler(Process):
                 )
         # g = s f takes steps s^2 as long: eq. 24 is about f.
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
-        empty, watch = backend.empty(graph, problem.channels), self.watch(problem, initial)
-        return _State(initial, empty, problem.scratch(), tau, step, bound, watch, problem.p < 1)
+        empty, test = backend.empty(graph, problem.channels), self.test(problem, initial)
+        return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step, bound)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One step, into the buffer of the iterate before the last."""
@@ -117,7 +114,7 @@ def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
     degree = degree.astype(np.float64)
     if problem.scale is not None:
         degree = degree * problem.scale[:, 0] ** 2
-    return degree, np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (n,))
+    return degree, np.broadcast_to(problem.problem.lam, (n, 1))[:, 0]
 
 
 def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam: FloatArray) -> float:

@@ -8,31 +8,28 @@ import numpy as np
 
 from ..backends import Array
 from ..checks import flag, integer, number
+from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
-from .stopping import LOCAL, Process, Slope, Travel
+from .stopping import LOCAL, Process, ProcessState
 
 # A sweep that still raises the energy after so many halvings is left out: what is left is rounding.
 _HALVINGS = 30
 
 
 @dataclass(frozen=True)
-class _State:
-    f: Array  # the last whole iterate
-    previous: Array  # the one before it, to be overwritten by the next
-    g: Array | None  # scratch for the conductances
+class _State(ProcessState):
     theta: float
     why: str  # what theta is there for, "" where it is 1
     energy: float | None  # of f, where a sweep that raises it is taken back
-    watch: Slope | Travel | None  # what the stop test needs
-    local: bool  # whether there can be other minima
     anderson: Anderson | None
     halved: int = 0  # how often a sweep was taken back
 
 
+@door
 @dataclass(frozen=True)
-class Jacobi(Process):
+class Jacobi(Process[_State]):
     """Gauss-Jacobi sweeps: each vertex takes the weighted mean of its data and its neighbours (eq. 25, 31).
 
     Parameters
@@ -45,10 +42,10 @@ class Jacobi(Process):
     check_every : int, default 10
         Sweeps between two looks at energy and change, which read back from the device.
     accelerate : bool, default False
-        Anderson's acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, kept only where its energy
-        is not above that of the iterate before; otherwise it is the sweep, and older sweeps are forgotten. Far fewer
-        iterations where the plain process is slow (small lam or eps), a half to a third elsewhere; an iteration takes
-        several times as long as a sweep over few neighbours, and 23 functions more are kept on the device.
+        Anderson's acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, accepted only where its
+        energy is not above that of the iterate before; otherwise it is the sweep, and older sweeps are forgotten. Far
+        fewer iterations where the plain process is slow (small lam or eps), a half to a third elsewhere; an iteration
+        takes several times as long as a sweep over few neighbours, and 23 functions more are held on the device.
     stop : {"change", "error", "gradient", "energy"}, default "change"
         What the tolerance is of. "change": the largest change of a value in an iteration, as a share of the data's
         range; the distance from the limit can be far larger (800 times at lam = 0.01 on 4-adjacency). "error": the
@@ -135,8 +132,8 @@ class Jacobi(Process):
         energy = problem.energy(initial) if guarded else None
         anderson = Anderson.of(problem) if self.accelerate else None
         why = "" if theta == 1 else why
-        watch, local = self.watch(problem, initial), problem.p < 1
-        return _State(initial, empty, problem.scratch(), theta, why, energy, watch, local, anderson)
+        test, local = self.test(problem, initial), problem.p < 1
+        return _State(initial, empty, problem.scratch(), test, local, theta, why, energy, anderson)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """One sweep, into the buffer of the iterate before the last, or a mix of the last sweeps."""

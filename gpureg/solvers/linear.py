@@ -17,7 +17,8 @@ from ..arrays import FloatArray
 from ..backends import Array
 from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
-from .loop import Method
+from ..model.problem import Problem
+from .loop import Course, Solver
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,14 @@ class _System:
 
 
 @dataclass(frozen=True)
-class Linear(Method):
+class Linear(Solver[_State]):
     """Conjugate gradients, preconditioned by cosines on a grid that is the same everywhere, else by the diagonal."""
 
     patience = 50
-    keeps = (6, 0)
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """The start, residual, direction, preconditioner, what it gives, and scratch memory."""
+        return 6, 0
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step."""
@@ -135,14 +139,14 @@ class Linear(Method):
         backend.combine(weighted.graph, 1.0, state.residual, -alpha, state.scratch, out=state.residual)
         return replace(state, f=state.previous, previous=state.f, rz=rz)
 
-    def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
+    def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """The gap of the true residual; one that has drifted off the recursion's begins the recursion anew."""
         expected = state.system.gap(problem, state.residual)
         state.system.residual(problem, state.f, state.scratch)
         gap = state.system.gap(problem, state.scratch)
         return (_begun(problem, state) if gap > 2 * expected else state), gap
 
-    def next_check(self, done: int) -> int:
+    def next_check(self, state: _State, done: int) -> int:
         """A look costs what a step costs, or less."""
         return done + max(1, done // 10)
 

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol
 
 import numpy as np
 
@@ -15,6 +15,31 @@ from ..backends import Array, Backend
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
+
+if TYPE_CHECKING:
+    # mypy knows this module without it being installed; Python has TypeVar(default=...) from 3.13 on
+    from typing_extensions import TypeVar
+else:
+    from typing import TypeVar
+
+
+class Iterates(Protocol):
+    """What the loop reads of a solver's state: the last two iterates, functions (n, m) on the device."""
+
+    @property
+    def f(self) -> Array:
+        """The last whole iterate."""
+
+    @property
+    def previous(self) -> Array:
+        """The one before it."""
+
+
+if TYPE_CHECKING:
+    # `Solver` alone is a solver whose state nobody asks for.
+    S = TypeVar("S", bound=Iterates, default=Any)
+else:
+    S = TypeVar("S", bound=Iterates)
 
 
 @dataclass
@@ -44,94 +69,78 @@ class Course:
     changes: list[float] = field(default_factory=list)
     gaps: list[float | None] = field(default_factory=list)
 
-    def keep_whole(self) -> None:
-        """Drop a check that an interruption cut short, lest a gap stands beside another energy."""
+    @property
+    def stands_still(self) -> bool:
+        """Whether the last change is at most tol times the data's range."""
+        return self.tol is not None and self.changes[-1] <= self.tol * self.span
+
+    def drop_unfinished(self) -> None:
+        """Drop a check that an interruption cut short, so that no gap stands beside another energy."""
         for column in (self.checks, self.energies, self.changes):
             del column[len(self.gaps) :]
 
 
-class Solver(ABC):
-    """A solver: settings only; what changes lives in a state that has ``f`` and ``previous``, the last two iterates."""
+class Solver(ABC, Generic[S]):
+    """A solver: settings only. What changes lives in a state of its own type, with the last two iterates.
 
-    check_every: int
+    Attributes
+    ----------
+    check_every : int
+        Iterations between two checks.
+    tol : float or None
+        The tolerance where the caller names none.
+    most : int
+        The default of `max_iter`.
+    smooths : bool
+        Whether p < 2 needs eps > 0.
+    renews : bool
+        Whether weights may change under way.
+    patience : int
+        Iterations before which a gap that stands still is not held against the floating-point type.
+    """
+
+    check_every: int = 1
     tol: float | None = None
 
-    # Iterations at most, where the caller of `regularize` names no number.
     most: ClassVar[int] = 100
-    # Whether p < 2 needs eps > 0.
     smooths: ClassVar[bool] = True
-    # Whether weights may change under way.
     renews: ClassVar[bool] = True
+    patience: ClassVar[int] = 100
 
-    def accept(self, problem: Problem) -> None:  # noqa: B027
+    def accept(self, problem: Problem) -> None:
         """ValueError unless this solver can take the problem."""
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """Functions on the vertices, and on the directed edges, that it keeps besides the data and two iterates."""
+        """Functions on the vertices, and on the directed edges, in its state besides the data and two iterates."""
         return 0, 0
 
-    def next_check(self, state: Any, done: int) -> int:
+    @abstractmethod
+    def start(self, problem: DeviceProblem, initial: Array) -> S:
+        """State before the first iteration, whose ``f`` is `initial`, (n, m)."""
+
+    def resume(self, problem: DeviceProblem, state: S) -> S:
+        """State before the first iteration, from the end of a run with another p or lam."""
+        return self.start(problem, state.f)
+
+    @abstractmethod
+    def advance(self, problem: DeviceProblem, state: S) -> S:
+        """State after one more iteration."""
+
+    def next_check(self, state: S, done: int) -> int:
         """The number of iterations after which energy and change are looked at next."""
         return done - done % self.check_every + self.check_every
 
-    def certify(self, problem: DeviceProblem, state: Any, course: Course) -> tuple[Any, float | None]:
+    def certify(self, problem: DeviceProblem, state: S, course: Course) -> tuple[S, float | None]:
         """The state to go on from, and how far the last energy of the course is above the minimum at most, or None."""
         return state, None
 
-    def judge(self, problem: DeviceProblem, state: Any, course: Course) -> Stop | None:
+    def judge(self, problem: DeviceProblem, state: S, course: Course) -> Stop | None:
         """Why to stop at this check, or None: by default a largest change of at most tol times the data's range."""
-        if course.tol is not None and course.changes[-1] <= course.tol * course.span:
-            return Stop.TOLERANCE
-        return None
+        return Stop.TOLERANCE if course.stands_still else None
 
     @abstractmethod
-    def start(self, problem: DeviceProblem, initial: Array) -> Any:
-        """State before the first iteration, whose ``f`` is `initial`."""
-
-    def resume(self, problem: DeviceProblem, state: Any) -> Any:
-        """State before the first iteration, from the end of a run with another p or lam."""
-        return self.start(problem, state.f)
-
-    @abstractmethod
-    def advance(self, problem: DeviceProblem, state: Any) -> Any:
-        """State after one more iteration."""
-
-    @abstractmethod
-    def describe(self, state: Any) -> str:
-        """What the iterations from this state do, as a sentence without its full stop."""
-
-
-class Method(ABC):
-    """One way to the minimiser, for :class:`gpureg.Certified`, which chooses among them."""
-
-    # Iterations before which a gap that stands still is not held against the floating-point type.
-    patience: ClassVar[int] = 100
-    # Functions on the vertices, and on the directed edges, besides the data and two iterates: the first is the start.
-    keeps: ClassVar[tuple[int, int]]
-
-    @abstractmethod
-    def start(self, problem: DeviceProblem, initial: Array) -> Any:
-        """State before the first iteration."""
-
-    def resume(self, problem: DeviceProblem, state: Any) -> Any:
-        """State before the first iteration, from the end of a run with another p or lam."""
-        return self.start(problem, state.f)
-
-    @abstractmethod
-    def advance(self, problem: DeviceProblem, state: Any) -> Any:
-        """State after one more iteration."""
-
-    @abstractmethod
-    def certify(self, problem: DeviceProblem, state: Any, energy: float) -> tuple[Any, float]:
-        """The state to go on from, and the duality gap; `energy` is that of its f."""
-
-    @abstractmethod
-    def next_check(self, done: int) -> int:
-        """The number of iterations after which the gap is looked at next."""
-
-    @abstractmethod
-    def describe(self, state: Any) -> str:
-        """What the iterations did, as a sentence without its full stop."""
+    def describe(self, state: S) -> str:
+        """What the iterations to this state did, as a sentence without its full stop."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +172,24 @@ Callback = Callable[[Check], Any]
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What the loop leaves: the last whole iterate on the device, the problem it belongs to, and its history."""
+class Outcome(Generic[S]):
+    """What the loop leaves.
+
+    Attributes
+    ----------
+    problem : DeviceProblem
+        The problem, with the last weights.
+    f : device function, (n, m)
+        The last whole iterate.
+    iterations : int
+        Whole iterations done.
+    stop : Stop
+    course : Course
+    method : str
+        What the iterations did, as a sentence.
+    state : S
+        The solver's last state.
+    """
 
     problem: DeviceProblem
     f: Array
@@ -172,7 +197,7 @@ class Outcome:
     stop: Stop
     course: Course
     method: str
-    state: Any
+    state: S
 
 
 def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
@@ -186,7 +211,7 @@ def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
 
 def run(
     problem: DeviceProblem,
-    solver: Solver,
+    solver: Solver[S],
     initial: Array,
     *,
     max_iter: int,
@@ -194,13 +219,13 @@ def run(
     callback: Callback | None,
     report: Callable[[int], None],
     update_weights: int | None = None,
-    resume: Any = None,
-) -> Outcome:
+    resume: S | None = None,
+) -> Outcome[S]:
     """Iterate until a stop: `max_iter`, what the solver makes of `tol`, the callback, or Ctrl-C.
 
     `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
     from the current iterate, and the solver starts again from there; until that has happened once, no tolerance stops
-    the run. `resume`, the state of an earlier run, stands in the place of `initial`.
+    the run. `resume`, the state of an earlier run, is used instead of `initial`.
 
     Raises
     ------
@@ -230,11 +255,11 @@ def run(
         # near the fixed point of the first weights nothing is said of that of the next
         return None if update_weights is not None and done <= update_weights else stop
 
-    def outcome(stop: Stop) -> Outcome:
+    def outcome(stop: Stop) -> Outcome[S]:
         method = solver.describe(state)
         if update_weights is not None:
             method += f", weights computed anew every {update_weights} iteration(s)"
-        course.keep_whole()
+        course.drop_unfinished()
         return Outcome(problem, state.f, done, stop, course, method + ".", state)
 
     def is_told_to_stop() -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,15 +43,54 @@ def cycle(A: csr_array) -> Preconditioner:
     return on_columns
 
 
+class Solved(NamedTuple):
+    """What conjugate gradients found.
+
+    Attributes
+    ----------
+    x : array
+        In the shape of the right-hand side.
+    steps : int
+        Steps done.
+    converged : bool
+        Whether the residual is as small as was asked for.
+    """
+
+    x: FloatArray
+    steps: int
+    converged: bool
+
+
 def conjugate_gradients(
     apply: Callable[[FloatArray], FloatArray],
     b: FloatArray,
-    precondition: Preconditioner,
+    precondition: Preconditioner | None = None,
     *,
     rtol: float,
     most: int,
-) -> tuple[FloatArray, int]:
-    """X with |b - A x| <= rtol |b|, or what `most` steps reach, and the steps; `apply` is symmetric, of any shape."""
+    start: FloatArray | None = None,
+) -> Solved:
+    """Solve A x = b by conjugate gradients on the host, in float64.
+
+    Parameters
+    ----------
+    apply : callable
+        The product with the symmetric positive definite A, of an array in the shape of b.
+    b : array
+        The right-hand side, of any shape.
+    precondition : callable, optional
+        An approximate solution for a residual in the shape of b. None takes the residual itself.
+    rtol : float
+        Stop once |b - A x| <= rtol |b|.
+    most : int
+        Steps at most.
+    start : array, optional
+        Where to begin, in the shape of b. None begins at 0.
+
+    Returns
+    -------
+    Solved
+    """
     from scipy.sparse.linalg import LinearOperator, cg
 
     shape, steps = b.shape, 0
@@ -60,7 +99,10 @@ def conjugate_gradients(
         nonlocal steps
         steps += 1
 
-    A = LinearOperator((b.size, b.size), matvec=lambda x: apply(x.reshape(shape)).ravel(), dtype=np.float64)
-    M = LinearOperator((b.size, b.size), matvec=lambda r: precondition(r.reshape(shape)).ravel(), dtype=np.float64)
-    x, _ = cg(A, b.ravel(), rtol=rtol, maxiter=most, M=M, callback=count)
-    return x.reshape(shape), steps
+    def operator(product: Callable[[FloatArray], FloatArray]) -> LinearOperator:
+        return LinearOperator((b.size, b.size), matvec=lambda x: product(x.reshape(shape)).ravel(), dtype=np.float64)
+
+    M = None if precondition is None else operator(precondition)
+    x0 = None if start is None else start.ravel()
+    x, left = cg(operator(apply), b.ravel(), x0=x0, rtol=rtol, maxiter=most, M=M, callback=count)
+    return Solved(x.reshape(shape), steps, not left)

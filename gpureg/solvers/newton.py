@@ -7,7 +7,8 @@ of f,
 
     lam h + d* [ g dh - k/2 (y <df, dh> + df <y, dh>) ] = - gradient,   g = q^((p-2)/2),  k = (2 - p) g q^(-p/2)
 
-with q = |df|^2 + eps^2, made symmetric, and y kept where that is positive definite. For p > 2, y = g df: Newton's own.
+with q = |df|^2 + eps^2, made symmetric, and y shortened so that it is positive definite. For p > 2, y = g df: Newton's
+own.
 The systems are solved on the host, by conjugate gradients with the matrix of eq. 25 (k = 0) as preconditioner.
 
 Where eps = 0 and p < 2 there are no second derivatives: the steps are those of an eps > 0 that falls with the gap. y
@@ -25,9 +26,10 @@ from ..arrays import FloatArray
 from ..backends import BALL_ROUNDINGS, Array
 from ..model.matrices import Difference
 from ..model.on_device import DeviceProblem
+from ..model.problem import Problem
 from . import multigrid
 from .dual import duality_gap
-from .loop import Method
+from .loop import Course, Solver
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -92,16 +94,19 @@ class _State:
 
 
 @dataclass(frozen=True)
-class Newton(Method):
+class Newton(Solver[_State]):
     """Newton's method, primal-dual for p < 2."""
 
     patience = 20
-    keeps = (1, 1)
+
+    def keeps(self, problem: Problem) -> tuple[int, int]:
+        """The start, and the dual variable at a check."""
+        return 1, 1
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """State before the first step, from `initial`."""
         backend, graph = problem.backend, problem.weighted.graph
-        given = np.broadcast_to(np.asarray(problem.problem.lam, np.float64), (graph.n_vertices,))[:, None]
+        given = np.broadcast_to(problem.problem.lam, (graph.n_vertices, 1))
         free = np.isfinite(given).astype(np.float64)
         model = _Model(
             Difference.of(problem),
@@ -146,7 +151,7 @@ class Newton(Method):
             return product
 
         cycle = state.cycle or self._preconditioner(model, share * g)
-        h, steps = multigrid.conjugate_gradients(
+        h, steps, _ = multigrid.conjugate_gradients(
             hessian, -gradient, cycle, rtol=1e-3 if p == 2 else _FORCING, most=_INNER
         )
         h = model.free * h
@@ -191,21 +196,21 @@ class Newton(Method):
             return cycles[0]
         return lambda r: np.concatenate([solve(r[:, k : k + 1]) for k, solve in enumerate(cycles)], axis=1)
 
-    def certify(self, problem: DeviceProblem, state: _State, energy: float) -> tuple[_State, float]:
-        """The gap of f as the device has it with y, kept in the unit ball for p = 1; the eps that suits it."""
+    def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
+        """The gap of f as the device has it with y, moved into the unit ball for p = 1; the eps that suits it."""
         model, p = state.model, problem.p
         y = state.y
         if p == 1:
             inside = 1 - BALL_ROUNDINGS * float(np.finfo(problem.backend.dtype).eps)
             length, most = np.sqrt(model.grouped(y**2)), model.share * inside
             y = y * np.where(length > most, most / np.where(length > 0, length, 1), 1)
-        gap = duality_gap(problem, state.f, model.d.on_device(problem, y), energy)
+        gap = duality_gap(problem, state.f, model.d.on_device(problem, y), course.energies[-1])
         if problem.eps or p >= 2:
             return state, gap
         # eps adds (eps^p / p) to the energy of a vertex at most: a part of the gap that there is
         return replace(state, eps=min(state.eps, (_PART * p * gap / len(model.f0)) ** (1 / p))), gap
 
-    def next_check(self, done: int) -> int:
+    def next_check(self, state: _State, done: int) -> int:
         """At every step."""
         return done + 1
 

@@ -1,11 +1,12 @@
-"""What the tolerance of the paper's processes can be of: a choice of tests, each with what it needs."""
+"""What the tolerance of the paper's processes can be of: four tests, each an object that holds what it needs."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -17,8 +18,6 @@ from ..model.problem import Problem
 from ..model.result import Stop
 from .loop import Course, Solver
 
-TESTS = ("change", "error", "gradient", "energy")
-
 # Roundings of a value by which the same iterate can differ from itself.
 _NOISE = 4
 
@@ -26,24 +25,108 @@ _NOISE = 4
 LOCAL = ", towards a local minimum that depends on the start (p < 1)"
 
 
+class StopTest(ABC):
+    """A stop test during a run: at each check it takes what it needs, then judges.
+
+    Attributes
+    ----------
+    holds : int
+        Functions on the vertices, (n, m), that it holds on the device.
+    """
+
+    holds: ClassVar[int] = 0
+
+    @classmethod
+    def of(cls, problem: DeviceProblem, initial: Array) -> Self:
+        """The test before the first check; the run starts at `initial`, (n, m)."""
+        return cls()
+
+    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
+        """The test with what it takes at f, (n, m), and the duality gap where that tells it; `g` is scratch memory."""
+        return self, None
+
+    @abstractmethod
+    def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
+        """Why to stop at this check, or None."""
+
+
 @dataclass(frozen=True)
-class Slope:
-    """The norm of the energy's gradient at a start, and where it was taken last."""
+class Change(StopTest):
+    """The largest change of a value in the last iteration, as a share of the data's range."""
+
+    def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
+        """Whether the iterate stands still."""
+        return Stop.TOLERANCE if course.stands_still else None
+
+
+@dataclass(frozen=True)
+class Error(StopTest):
+    """The estimated distance from the limit, as a share of the data's range.
+
+    Attributes
+    ----------
+    last : device function, (n, m)
+        f at the last check.
+    ways : tuple of float
+        Largest change of a value up to each check, the first of which is the start.
+    """
+
+    holds: ClassVar[int] = 1
+
+    last: Array
+    ways: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, problem: DeviceProblem, initial: Array) -> Self:
+        """At the start."""
+        buffer = problem.backend.empty(problem.weighted.graph, problem.channels)
+        return cls(_copy(problem, initial, buffer))
+
+    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
+        """With the way to f."""
+        way = problem.change(f, self.last)
+        _copy(problem, f, self.last)
+        return replace(self, ways=(*self.ways, way)), None
+
+    def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
+        """Whether the way still to go is short, or lost in rounding."""
+        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * largest_value(problem)
+        ways, checks = self.ways, course.checks[-len(self.ways) :]
+        if estimated_error(ways, checks, rounding) <= tol * course.span:
+            return Stop.ERROR
+        return Stop.ROUNDING if _is_noise(ways, checks, rounding) else None
+
+
+@dataclass(frozen=True)
+class Gradient(StopTest):
+    """The norm of the energy's gradient, as a share of that at the start.
+
+    Attributes
+    ----------
+    buffer : device function, (n, m)
+        Scratch memory for the gradient.
+    units : float or device function, (n, 1)
+        The device's squared gradient over these is the caller's.
+    first, now : float
+        The norm at the first check, None before it, and at the last one.
+    """
+
+    holds: ClassVar[int] = 1
 
     buffer: Array
-    units: float | Array  # squares of the device's gradient over these are squares of the caller's
+    units: float | Array
     first: float | None = None
     now: float = math.inf
 
     @classmethod
-    def of(cls, problem: DeviceProblem) -> Slope:
+    def of(cls, problem: DeviceProblem, initial: Array) -> Self:
         """Before the gradient was taken."""
         backend, graph, scale = problem.backend, problem.weighted.graph, problem.scale
         units: float | Array = 1.0 if scale is None else backend.put(graph, scale**-2.0)
         return cls(backend.empty(graph, problem.channels), units)
 
-    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Slope, float | None]:
-        """The norm at f, and the duality gap where the energy is strongly convex; `g` is scratch.
+    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
+        """With the norm at f, and the duality gap where the energy is strongly convex.
 
         The energy at f + h is at least that at f + <gradient, h> + sum lam |h|^2 / 2, whose minimum over h is the
         energy minus sum |gradient|^2 / (2 lam).
@@ -56,33 +139,55 @@ class Slope:
             gap = backend.dot(weighted.graph, found, found, over=problem.lam) / 2
         return replace(self, first=now if self.first is None else self.first, now=now), gap
 
+    def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
+        """Whether the norm has fallen enough."""
+        assert self.first is not None
+        return Stop.GRADIENT if self.now <= tol * self.first else None
+
 
 @dataclass(frozen=True)
-class Travel:
-    """How far the values went between a check and the next."""
+class Energy(StopTest):
+    """The change of the energy per iteration since the last check, as a share of the energy."""
 
-    buffer: Array  # f at the last check
-    ways: tuple[float, ...] = ()
+    def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
+        """Whether the energy hardly changes."""
+        return Stop.ENERGY if energy_decrease(course) <= tol * abs(course.energies[-1]) else None
 
-    @classmethod
-    def of(cls, problem: DeviceProblem, initial: Array) -> Travel:
-        """At the start."""
-        buffer = problem.backend.empty(problem.weighted.graph, problem.channels)
-        return cls(_copy(problem, initial, buffer))
 
-    def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Travel, None]:
-        """With the way to f."""
-        way = problem.change(f, self.buffer)
-        _copy(problem, f, self.buffer)
-        return replace(self, ways=(*self.ways, way)), None
+TESTS: dict[str, type[StopTest]] = {"change": Change, "error": Error, "gradient": Gradient, "energy": Energy}
 
 
 def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
     return problem.backend.copy(problem.weighted.graph, f, out=out)
 
 
-class Process(Solver):
-    """A process of the paper, with a choice of what its tolerance is of; its state has ``g`` and ``watch`` too."""
+@dataclass(frozen=True)
+class ProcessState:
+    """What every state of a process has.
+
+    Attributes
+    ----------
+    f, previous : device functions, (n, m)
+        The last whole iterate, and the one before it, which the next overwrites.
+    g : device function, (n, 1) or (n, m), or None
+        Scratch memory for the conductances.
+    test : StopTest
+    local : bool
+        Whether there can be other minima.
+    """
+
+    f: Array
+    previous: Array
+    g: Array | None
+    test: StopTest
+    local: bool
+
+
+P = TypeVar("P", bound=ProcessState)
+
+
+class Process(Solver[P]):
+    """A process of the paper, with a choice of what its tolerance is of."""
 
     stop: str
 
@@ -93,37 +198,21 @@ class Process(Solver):
         choice("stop", self.stop, TESTS)
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """What the test needs."""
-        return int(self.stop in ("error", "gradient")), 0
+        """What the test holds."""
+        return TESTS[self.stop].holds, 0
 
-    def watch(self, problem: DeviceProblem, initial: Array) -> Slope | Travel | None:
-        """What the state needs for the test."""
-        if self.stop == "error":
-            return Travel.of(problem, initial)
-        return Slope.of(problem) if self.stop == "gradient" else None
+    def test(self, problem: DeviceProblem, initial: Array) -> StopTest:
+        """The test that was chosen, at the start."""
+        return TESTS[self.stop].of(problem, initial)
 
-    def certify(self, problem: DeviceProblem, state: Any, course: Course) -> tuple[Any, float | None]:
+    def certify(self, problem: DeviceProblem, state: P, course: Course) -> tuple[P, float | None]:
         """What is tested, taken at this check."""
-        if state.watch is None:
-            return state, None
-        watch, gap = state.watch.at(problem, state.f, state.g)
-        return replace(state, watch=watch), gap
+        test, gap = state.test.at(problem, state.f, state.g)
+        return replace(state, test=test), gap
 
-    def judge(self, problem: DeviceProblem, state: Any, course: Course) -> Stop | None:
+    def judge(self, problem: DeviceProblem, state: P, course: Course) -> Stop | None:
         """The test that was chosen."""
-        if course.tol is None:
-            return None
-        if self.stop == "change":
-            return super().judge(problem, state, course)
-        if self.stop == "gradient":
-            return Stop.GRADIENT if state.watch.now <= course.tol * state.watch.first else None
-        if self.stop == "energy":
-            return Stop.ENERGY if energy_decrease(course) <= course.tol * abs(course.energies[-1]) else None
-        rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * largest_value(problem)
-        ways, checks = state.watch.ways, course.checks[-len(state.watch.ways) :]
-        if estimated_error(ways, checks, rounding) <= course.tol * course.span:
-            return Stop.ERROR
-        return Stop.ROUNDING if _is_noise(ways, checks, rounding) else None
+        return None if course.tol is None else state.test.judge(problem, course, course.tol)
 
 
 def energy_decrease(course: Course) -> float:

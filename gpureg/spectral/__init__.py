@@ -8,7 +8,9 @@ eigenvalues lie in [-1, 1].
 
 from __future__ import annotations
 
-from .markov import AveragingFilter, averaging_filter, diffuse, markov_matrix
+from typing import Any
+
+from .markov import AveragingFilter, averaging_filter, diffuse
 from .spectrum import Eigenpairs, eigenpairs, spectral_filter
 
 __all__ = [
@@ -17,6 +19,12 @@ __all__ = [
     "averaging_filter",
     "diffuse",
     "eigenpairs",
-    "markov_matrix",
     "spectral_filter",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Say where the Markov matrix is."""
+    if name == "markov_matrix":
+        raise AttributeError("the Markov matrix is gpureg.operators.markov_matrix, with the same parameters")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

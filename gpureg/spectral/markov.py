@@ -9,16 +9,18 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray
-from ..checks import integer
+from ..checks import integer, number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
-from ..graphs.grid import AnyGraph, GridGraph
+from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem, as_function
 from ..weights import Bilateral, Patch
+from ..weights.base import AnyWeights
 
 if TYPE_CHECKING:
     from scipy import sparse
-from ..weights.base import AnyWeights
 
 
 class AveragingFilter(NamedTuple):
@@ -37,25 +39,23 @@ class AveragingFilter(NamedTuple):
 
 
 def stored_weights(
-    graph: AnyGraph, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
+    graph: GraphLike, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
 ) -> tuple[Graph, FloatArray, FloatArray | None, Problem]:
     """The graph as CSR, its weights one per directed edge, the conductances g (n,) or None, and the problem."""
-    if not isinstance(graph, Graph | GridGraph):
-        raise TypeError(f"graph must be a Graph or a GridGraph, got {type(graph).__name__}")
+    graph = as_graph(graph, degrees=True)
+    p = number("p", p, above=0)
     if f is None and isinstance(weights, Bilateral | Patch):
         raise ValueError("these weights are computed from data: give f, the function they compare")
     if f is None and p != 2:
         raise ValueError(f"the matrix depends on f for p = {p:g}: give f (for p = 2 it does not)")
     data = np.zeros(graph.n_vertices) if f is None else f
     kind = np.dtype(np.float64)
-    problem = Problem.make(
-        data, graph, p=p, lam=lam, weights=weights, gamma="sqrt", norm="vertex", coupled=True, eps=eps, dtype=kind
-    )
+    problem = Problem.make(data, graph, p=p, lam=lam, weights=weights, eps=eps, dtype=kind)
     on = DeviceProblem.put(problem, backends.get("numpy", kind))
     values = on.backend.get_weights(on.weighted)
     if isinstance(graph, GridGraph):
-        half = graph.unit_half_weights() if values is None else values
-        stored, values = graph.to_graph(), graph.half_to_edges(half)
+        half = graph.edges.unit_half() if values is None else values
+        stored, values = graph.to_graph(), graph.edges.gather_half(half)
     else:
         stored = graph
         values = np.ones(graph.n_edges) if values is None else values
@@ -63,8 +63,9 @@ def stored_weights(
     return stored, values.astype(np.float64), None if g is None else np.asarray(g)[:, 0], problem
 
 
+@door
 def averaging_filter(
-    graph: AnyGraph,
+    graph: GraphLike,
     f: npt.ArrayLike | None = None,
     *,
     p: float = 2.0,
@@ -72,9 +73,12 @@ def averaging_filter(
     eps: float | None = None,
     weights: AnyWeights = None,
 ) -> AveragingFilter:
-    """Coefficients of the averaging form of a sweep at f (eq. 26), for gamma = sqrt(w).
+    """Compute the coefficients of the averaging form of a sweep at f (eq. 26), for gamma = sqrt(w).
 
-    phi_uv = alpha_uv / (lam + sum_v alpha_uv) and phi_uu = lam / (lam + sum_v alpha_uv), with alpha of eq. 25.
+    With alpha of eq. 25::
+
+        phi_uv = alpha_uv / (lam + sum_v alpha_uv)
+        phi_uu = lam / (lam + sum_v alpha_uv)
 
     Parameters
     ----------
@@ -97,7 +101,8 @@ def averaging_filter(
 
     Examples
     --------
-    >>> filter = averaging_filter(Graph.from_edges([[0, 1], [1, 2]]), lam=2.0)
+    >>> import gpureg as gr
+    >>> filter = gr.spectral.averaging_filter(gr.Graph.from_edges([[0, 1], [1, 2]]), lam=2.0)
     >>> filter.data, filter.neighbours.toarray()
     (array([0.5       , 0.33333333, 0.5       ]), array([[0.        , 0.5       , 0.        ],
            [0.33333333, 0.        , 0.33333333],
@@ -109,7 +114,7 @@ def averaging_filter(
     rows, n = stored.edge_rows(), stored.n_vertices
     alpha = 2 * w if g is None else w * (g[rows] + g[stored.indices])
     total = np.bincount(rows, alpha, minlength=n)
-    fidelity = np.broadcast_to(np.asarray(problem.lam, np.float64), (n,))
+    fidelity = np.broadcast_to(problem.lam, (n, 1))[:, 0]
     # pinned, or nothing around: the data stays, as the sweep has it
     keeps = np.isinf(fidelity) | ~(np.where(np.isinf(fidelity), 0, fidelity) + total > 1e-290)
     denominator = np.where(keeps, 1, fidelity + total)
@@ -118,23 +123,25 @@ def averaging_filter(
     return AveragingFilter(np.where(keeps, 1, fidelity / denominator), neighbours)
 
 
+@door
 def markov_matrix(
-    graph: AnyGraph,
+    graph: GraphLike,
     f: npt.ArrayLike | None = None,
     *,
     p: float = 2.0,
     eps: float | None = None,
     weights: AnyWeights = None,
 ) -> sparse.csr_array:
-    """Markov matrix P of the process without data (eq. 27): P(u, v) = phi_uv, rows sum to 1.
+    """Compute the Markov matrix P of the process without data (eq. 27).
 
-    For p = 2 it is D^-1 W; for other p it depends on `f`. A vertex without weight stays where it is, P(u, u) = 1. Its
-    powers are P^t: ``scipy.sparse.linalg.matrix_power(P, t)``, or :func:`diffuse` for their action.
+    P(u, v) = phi_uv, and rows sum to 1. For p = 2 it is D^-1 W; for other p it depends on `f`. A vertex without weight
+    stays where it is, P(u, u) = 1. Its powers P^t are ``scipy.sparse.linalg.matrix_power(P, t)``, or
+    :func:`gpureg.spectral.diffuse` for their action.
 
     Parameters
     ----------
     graph, f, p, eps, weights
-        As :func:`averaging_filter`.
+        As :func:`gpureg.spectral.averaging_filter`.
 
     Returns
     -------
@@ -147,7 +154,8 @@ def markov_matrix(
 
     Examples
     --------
-    >>> markov_matrix(Graph.from_edges([[0, 1], [1, 2]])).toarray()
+    >>> import gpureg as gr
+    >>> gr.operators.markov_matrix(gr.Graph.from_edges([[0, 1], [1, 2]])).toarray()
     array([[0. , 1. , 0. ],
            [0.5, 0. , 0.5],
            [0. , 1. , 0. ]])
@@ -162,15 +170,19 @@ def markov_matrix(
     return sparse.csr_array(found.neighbours + sparse.csr_array((np.ones(len(alone)), (alone, alone)), shape=(n, n)))
 
 
-def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights = None) -> FloatArray:
-    """P^t f0 (eq. 28): t plain sweeps with p = 2 and lam = 0, in float64.
+@door
+def diffuse(f0: npt.ArrayLike, graph: GraphLike, t: int, *, weights: AnyWeights = None) -> FloatArray:
+    """Diffuse a function: P^t f0 (eq. 28), t plain sweeps with p = 2 and lam = 0, in float64.
 
     Parameters
     ----------
     f0 : array
         (n,) or (n, m), on a grid also its shape with or without channels. Weight functions are computed from it.
+    graph : Graph or GridGraph
     t : int
         Steps >= 0.
+    weights : Weights or array, optional
+        As :func:`gpureg.regularize`.
 
     Returns
     -------
@@ -184,10 +196,12 @@ def diffuse(f0: npt.ArrayLike, graph: AnyGraph, t: int, *, weights: AnyWeights =
 
     Examples
     --------
-    >>> diffuse([0.0, 4.0, 0.0], Graph.from_edges([[0, 1], [1, 2]]), 1)
+    >>> import gpureg as gr
+    >>> gr.spectral.diffuse([0.0, 4.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 1)
     array([4., 0., 4.])
     """
-    integer("t", t, low=0)
+    t = integer("t", t, low=0)
+    graph = as_graph(graph, degrees=True)
     P = markov_matrix(graph, f0, weights=weights)
     f: FloatArray = as_function(graph, f0, "f0").astype(np.float64)
     for _ in range(t):

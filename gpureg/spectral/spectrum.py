@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import integer
-from ..graphs.grid import AnyGraph
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..model.problem import as_function
 from ..weights.base import AnyWeights
+from .markov import stored_weights
 
 if TYPE_CHECKING:
     from scipy import sparse
-from .markov import stored_weights
 
 # Up to so many vertices a connected part goes through a dense eigensolver.
 _DENSE = 600
@@ -43,8 +44,9 @@ class Eigenpairs(NamedTuple):
     degree: FloatArray
 
 
-def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
-    """First k eigenpairs of the Markov matrix P = D^-1 W (section 4.1), from the eigenvalue 1 downwards.
+@door
+def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
+    """Find the first k eigenpairs of the Markov matrix P = D^-1 W (section 4.1), from the eigenvalue 1 downwards.
 
     Through the symmetric D^-1/2 W D^-1/2, connected part by part (so that the eigenvalue 1 comes as often as there are
     parts), dense where a part is small, otherwise by ARPACK: shifted and factorised on sparse graphs, plain on others.
@@ -74,16 +76,17 @@ def eigenpairs(graph: AnyGraph, k: int, *, f: npt.ArrayLike | None = None, weigh
 
     Examples
     --------
-    >>> eigenpairs(Graph.from_edges([[0, 1], [1, 2], [2, 3], [3, 0]]), 4).values.round(6) + 0.0
+    >>> import gpureg as gr
+    >>> gr.spectral.eigenpairs(gr.Graph.from_edges([[0, 1], [1, 2], [2, 3], [3, 0]]), 4).values.round(6) + 0.0
     array([ 1.,  0.,  0., -1.])
     """
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
-    integer("k", k)
+    graph = as_graph(graph, degrees=True)
+    k = integer("k", k, low=1, high=graph.n_vertices)
     stored, w, _, _ = stored_weights(graph, f, weights, 2.0, 0.0, None)
     n, rows = stored.n_vertices, stored.edge_rows()
-    integer("k", k, low=1, high=n)
     W: Any = sparse.csr_array((w, stored.indices, stored.indptr), shape=(n, n), copy=True)
     W.eliminate_zeros()
     total = np.bincount(rows, w, minlength=n)
@@ -143,17 +146,20 @@ def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
     return a[::-1][:k], V[:, :k]
 
 
+@door
 def spectral_filter(
     f0: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     k: int,
     *,
     weights: AnyWeights = None,
     pairs: Eigenpairs | None = None,
 ) -> FloatArray:
-    """Projection of a function on the first k eigenvectors of P (section 4.1): a low-pass filter.
+    """Project a function on the first k eigenvectors of P (section 4.1): a low-pass filter.
 
-    f = sum_i <f0, phi_i>_delta phi_i over i <= k, with the inner product weighted by the degree.
+    With the inner product weighted by the degree::
+
+        f = sum_i <f0, phi_i>_delta phi_i, over i <= k
 
     Parameters
     ----------
@@ -179,14 +185,17 @@ def spectral_filter(
 
     Examples
     --------
-    >>> ring = Graph.from_edges([[0, 1], [1, 2], [2, 3], [3, 0]])
-    >>> spectral_filter([1.0, 2.0, 3.0, 6.0], ring, 1)
+    >>> import gpureg as gr
+    >>> ring = gr.Graph.from_edges([[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> gr.spectral.spectral_filter([1.0, 2.0, 3.0, 6.0], ring, 1)
     array([3., 3., 3., 3.])
     """
+    graph = as_graph(graph, degrees=True)
+    k = integer("k", k, low=1)
     f = as_function(graph, f0, "f0").astype(np.float64)
     if pairs is None:
         pairs = eigenpairs(graph, k, f=f0, weights=weights)
-    elif pairs.vectors.shape[0] != graph.n_vertices or not 1 <= k <= pairs.vectors.shape[1]:
+    elif pairs.vectors.shape[0] != graph.n_vertices or k > pairs.vectors.shape[1]:
         raise ValueError(
             f"pairs must hold at least k = {k} eigenvectors of {graph.n_vertices} vertices, got {pairs.vectors.shape}"
         )

@@ -7,8 +7,8 @@ The discrepancy principle finds lam on any graph; SURE and J-invariance tell how
 from __future__ import annotations
 
 from .calibration import Calibration, Trial, calibrate
-from .discrepancy import Discrepancy, discrepancy
 from .nl_means import NlMeansParameters, nl_means_parameters
+from .principle import Discrepancy, discrepancy
 from .risk import j_invariance, sure
 
 __all__ = [

@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import choice
+from ..checks import choice, flag, integer, number
+from ..doors import door
 from ..noise.white import estimate_noise
 from .risk import Denoiser, j_invariance, sure
 
@@ -55,6 +56,7 @@ class Calibration:
         return f"{best}: {name} {self.loss:.4g}, the least of {len(self.table)} tried"
 
 
+@door
 def calibrate(
     denoise: Denoiser,
     image: npt.ArrayLike,
@@ -121,13 +123,17 @@ def calibrate(
     if not axes or not all(axes.values()):
         raise ValueError("grid must name one parameter or more, each with one value or more to try")
     choice("method", method, ("sure", "j-invariance"))
+    integer("seed", seed, low=0)
+    integer("stride", stride, low=2)
+    flag("every", every)
+    refine = flag("refine", refine)
     loss: Callable[[Denoiser], float]
     noise: float | npt.NDArray[Any] | None = None
     if method == "sure":
         if sigma is None:
             noise = estimate_noise(image, channel_axis=channel_axis, mask=mask)
         else:
-            noise = float(sigma) if isinstance(sigma, int | float) else np.asarray(sigma)
+            noise = number("sigma", sigma, low=0) if np.ndim(sigma) == 0 else np.asarray(sigma)
         known = noise
 
         def loss(one: Denoiser) -> float:

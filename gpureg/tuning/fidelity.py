@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..noise.white import gradient_to_noise
-from .discrepancy import explained, match
+from .principle import explained, match
 from .risk import Inside, Values, j_invariance, sure
 
 LamMethod = Literal["discrepancy", "sure", "j-invariance"]

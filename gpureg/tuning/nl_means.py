@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..checks import number
+from ..checks import flag, number
+from ..doors import door
 from ..weights import Weights, patch
 
 # sigma of 255 up to which a row holds; radius of the patch; radius of the window; h as a multiple of sigma.
@@ -41,6 +42,7 @@ class NlMeansParameters:
         return patch(self.patch_radius, self.h, sigma=self.sigma)
 
 
+@door
 def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float = 255.0) -> NlMeansParameters:
     """Patch, window and h of nonlocal means for a noise level, from IPOL's table.
 
@@ -89,6 +91,7 @@ def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float 
     """
     number("sigma", sigma, above=0)
     number("data_range", data_range, above=0)
+    color = flag("color", color)
     level = 255 * float(sigma) / float(data_range)
     for most, patch_radius, radius, factor in _COLOUR if color else _GREY:
         if level <= most * (1 + 1e-9):

@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import unmasked
-from ..checks import integer, number
+from ..checks import flag, integer, number
+from ..doors import door
+from ..graphs.edges import checked_spacing
 
 Denoiser = Callable[..., npt.ArrayLike]
 Values = npt.NDArray[np.floating[Any]]
@@ -21,6 +23,7 @@ Inside = npt.NDArray[np.bool_] | None
 _STEP = 0.02
 
 
+@door
 def sure(
     denoise: Denoiser,
     image: npt.ArrayLike,
@@ -75,6 +78,7 @@ def sure(
     >>> round(sure(lambda y: 0.5 * y, noisy, 2.0), 1)  # a quarter of the noise's energy is left
     1.0
     """
+    integer("seed", seed, low=0)
     values, inside = _checked(image, mask, channel_axis)
     noise = np.asarray(sigma)
     if noise.dtype.kind not in "iuf":
@@ -101,6 +105,7 @@ def sure(
     return error - mean + 2 * float(np.mean(variance * _of(probe, inside) * (moved - before))) / step
 
 
+@door
 def j_invariance(
     denoise: Denoiser,
     image: npt.ArrayLike,
@@ -157,11 +162,11 @@ def j_invariance(
     3.9
     """
     integer("stride", stride, low=2)  # of 1, a hidden pixel has no neighbour that is shown
+    every = flag("every", every)
     values, inside = _checked(image, mask, channel_axis)
     axes = [axis for axis in range(values.ndim) if channel_axis is None or axis != channel_axis % values.ndim]
-    if spacing is not None and not (len(spacing) == len(axes) and all(math.isfinite(s) and s > 0 for s in spacing)):
-        raise ValueError(f"spacing must hold {len(axes)} finite numbers > 0, got {spacing}")
-    steps = dict(zip(axes, spacing or [1.0] * len(axes), strict=True))
+    sizes = checked_spacing(spacing, len(axes)) or (1.0,) * len(axes)
+    steps = dict(zip(axes, sizes, strict=True))
     filled = _neighbours(values, inside, steps)
     total, count = 0.0, 0
     for hidden in _grids([values.shape[a] if a in axes else 0 for a in range(values.ndim)], int(stride), every):
@@ -184,8 +189,8 @@ def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int
     array = unmasked(image, "image")
     if array.dtype.kind not in "iuf":
         raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
-    if channel_axis is not None and not -array.ndim <= channel_axis < array.ndim:
-        raise ValueError(f"channel_axis must lie in {-array.ndim}..{array.ndim - 1}, got {channel_axis}")
+    if channel_axis is not None:
+        integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
     values: Values = array.astype(np.float32 if array.dtype in (np.float16, np.float32) else np.float64)
     inside = None
     if mask is not None:

@@ -7,10 +7,10 @@ below it, a name here, and a row in ``tests/test_weights.py``.
 """
 
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights
-from .cotangent import Cotangent, cotangent
 from .distance import Constant, constant, gaussian, inverse_distance
 from .guide import OPPONENT, Compared, Guided, Smoothed, blur_norm, guided, patch_weights, smoothed
 from .similarity import Bilateral, Patch, bilateral, half, patch, recomputed
+from .triangles import Cotangent, cotangent
 
 __all__ = [
     "OPPONENT",

@@ -109,7 +109,7 @@ class EdgeWeights(Weights):
                 vertices[start].shape
             )
         if graph.mask is not None:
-            half[graph.unit_half_weights() == 0] = 0
+            half[graph.edges.unit_half() == 0] = 0
         return backend.prepare(graph, check_weights(half, half.shape, "one per pair"))
 
     def _of_stored(self, graph: Graph, f0: FloatArray) -> FloatArray:
@@ -157,7 +157,10 @@ Parameter = float | PerVertex
 def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False, zero: bool = False) -> Parameter:
     """A number > 0 (or 0, or infinite), or one per vertex, checked."""
     if np.ndim(value) > 0:
-        values = np.array(value, dtype=np.float64).ravel()
+        given = np.asarray(value)
+        if given.dtype.kind not in "biuf":
+            raise TypeError(f"{name} must be a number or an array of them, got {given.dtype}")
+        values = given.astype(np.float64).ravel()
         low = values >= 0 if zero else values > 0
         if not (low.all() and np.isfinite(values).all()):
             raise ValueError(f"a map of {name} must be finite and {'>= 0' if zero else '> 0'} everywhere")

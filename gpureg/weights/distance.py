@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from ..backends import Backend, Weighted
 from ..checks import number
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import EdgeWeights, Weights, rows_of
@@ -45,7 +46,7 @@ def _squared_lengths(graph: AnyGraph, u: IntArray, v: IntArray) -> FloatArray:
     if isinstance(graph, Graph):
         return _squared_distances(_positions(graph), u, v)
     cells = np.stack(np.unravel_index(u, graph.shape)) - np.stack(np.unravel_index(v, graph.shape))
-    lengths: FloatArray = ((cells.T * np.array(graph.spacing or (1.0,) * graph.ndim)) ** 2).sum(axis=-1)
+    lengths: FloatArray = ((cells.T * graph.cell) ** 2).sum(axis=-1)
     return lengths
 
 
@@ -54,7 +55,7 @@ def nearness(graph: AnyGraph, sigma: float) -> FloatArray | None:
     if math.isinf(sigma):
         return None
     if isinstance(graph, GridGraph):
-        steps = graph.forward_offsets * np.array(graph.spacing or (1.0,) * graph.ndim)
+        steps = graph.forward_offsets * graph.cell
         # divided first: the square of a tiny sigma would be 0
         squares: FloatArray = ((steps / sigma) ** 2).sum(axis=1)
     else:
@@ -122,11 +123,13 @@ class Gaussian(EdgeWeights):
         return weights
 
 
+@door
 def constant() -> Weights:
     """Weight 1 on every edge: the unweighted graph."""
     return Constant()
 
 
+@door
 def inverse_distance(power: float = 2) -> Weights:
     """Weights 1/|u - v|^power between the positions of the vertices (figure 6 of the paper, with power 2).
 
@@ -138,6 +141,7 @@ def inverse_distance(power: float = 2) -> Weights:
     return InverseDistance(number("power", power, above=0))
 
 
+@door
 def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
     """Weights exp(-|F(u) - F(v)|^2 / sigma^2) between feature vectors of the vertices.
 
@@ -153,7 +157,10 @@ def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
     TypeError, ValueError
         Features that are not finite numbers, or a sigma that is not > 0; at use, another number of vertices.
     """
-    table: Any = np.array(features, dtype=np.float64)
+    given = np.asarray(features)
+    if given.dtype.kind not in "biuf":
+        raise TypeError(f"features must be real numbers, one row per vertex, got {given.dtype}")
+    table: Any = given.astype(np.float64)
     table = table.reshape(len(table), -1) if table.ndim else table
     if table.ndim != 2 or not np.isfinite(table).all():
         raise ValueError(f"features must be finite, one row per vertex, got shape {table.shape}")

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..backends import Backend, Weighted
 from ..checks import flag, number
+from ..doors import door
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import PatchWeights, Weights, rows_of
 
@@ -158,6 +159,7 @@ def patch_weights(weights: object) -> tuple[PatchWeights, Compared | None] | Non
     return weights, _Chain(weights, tuple(steps)) if steps else None
 
 
+@door
 def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
     """The same weight function, computed from other data than those that are regularized.
 
@@ -172,12 +174,16 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
     TypeError, ValueError
         No weight function, or a guide that is not finite; at use, another number of vertices.
     """
-    table = np.array(guide, dtype=np.float64)
+    given = np.asarray(guide)
+    if given.dtype.kind not in "biuf":
+        raise TypeError(f"the guide must be real numbers, one row per vertex, got {given.dtype}")
+    table = given.astype(np.float64)
     if not table.ndim or not table.size or not np.isfinite(table).all():
         raise ValueError(f"the guide must be finite, one row per vertex, got shape {table.shape}")
     return Guided(_expect_weights(weights), table)
 
 
+@door
 def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights:
     """The same weight function on a grid, computed from the data after a Gaussian blur.
 

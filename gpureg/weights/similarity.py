@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..backends import PatchForm, Storage
 from ..checks import integer, number
+from ..doors import door
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter
 from .distance import nearness
@@ -18,7 +19,7 @@ from .guide import Compared
 
 
 def _strengths(parameter: Parameter, graph: AnyGraph, name: str) -> tuple[float, FloatArray | None]:
-    """A bandwidth as one number, and what each vertex multiplies its inverse by: h(u) h(v) in the place of h^2."""
+    """A bandwidth as one number, and what each vertex multiplies its inverse by: h(u) h(v) instead of h^2."""
     if not isinstance(parameter, PerVertex):
         return parameter, None
     return parameter.middle, parameter.middle / parameter.on(graph, name)
@@ -61,17 +62,17 @@ class Bilateral(PatchWeights):
 class Patch(PatchWeights):
     """See :func:`patch`."""
 
-    radius: int
+    patch_radius: int
     h: Parameter
     sigma: Parameter = 0.0
-    a: float | None = None
+    patch_sigma: float | None = None
     cut: float = 0.0
     sigma_space: float = math.inf
 
     @property
     def reach(self) -> int:
         """The patch's radius."""
-        return self.radius
+        return self.patch_radius
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """Itself, with the part of its maps."""
@@ -81,9 +82,10 @@ class Patch(PatchWeights):
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """The weights w2."""
-        steps = np.arange(-self.radius, self.radius + 1)
-        profile = np.ones(len(steps)) if self.a is None else np.exp(-(steps**2) / (2 * self.a**2))
-        if self.a is not None:
+        steps = np.arange(-self.patch_radius, self.patch_radius + 1)
+        a = self.patch_sigma
+        profile = np.ones(len(steps)) if a is None else np.exp(-(steps**2) / (2 * a**2))
+        if a is not None:
             profile = profile / profile.sum()
         ndim = graph.ndim if isinstance(graph, GridGraph) else 1 if graph.grid is None else graph.grid.ndim
         samples = channels * profile.sum() ** ndim
@@ -123,6 +125,7 @@ class Held(PatchWeights):
         return replace(self, weights=weights) if isinstance(weights, PatchWeights) else None
 
 
+@door
 def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights:
     """Bilateral weights w1: near in space and alike in value.
 
@@ -133,7 +136,7 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
         out.
     sigma_value : float or (n,) array
         sigma_X > 0, in the data's units; infinity leaves the factor of the values out. With one value per vertex
-        sigma_X(u) sigma_X(v) takes the place of sigma_X^2.
+        sigma_X(u) sigma_X(v) stands instead of sigma_X^2.
 
     Raises
     ------
@@ -158,12 +161,13 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
     )
 
 
+@door
 def patch(
-    radius: int,
+    patch_radius: int,
     h: float | npt.ArrayLike,
     *,
     sigma: float | npt.ArrayLike = 0.0,
-    a: float | None = None,
+    patch_sigma: float | None = None,
     cut: float = 0.0,
     sigma_space: float = math.inf,
 ) -> Weights:
@@ -171,18 +175,19 @@ def patch(
 
     Parameters
     ----------
-    radius : int
-        k' >= 0 of the patch of side 2 k' + 1. Radius 0 compares the data of the vertices alone and serves any graph; a
-        larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge cell.
+    patch_radius : int
+        k' >= 0 of the patch of side 2 k' + 1 cells. Radius 0 compares the data of the vertices alone and serves any
+        graph; a larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge
+        cell.
     h : float or (n,) array
         Filtering parameter > 0: in the data's units times the square root of the sum of g. With one value per vertex
-        h(u) h(v) takes the place of h^2, so that the weights stay symmetric.
+        h(u) h(v) stands instead of h^2, so that the weights stay symmetric.
     sigma : float or (n,) array, default 0
         Standard deviation of the noise: 2 sigma^2 is taken off the distance per sample and channel, what is negative
         counts as 0. With one value per vertex it is sigma(u)^2 + sigma(v)^2.
-    a : float, optional
-        Standard deviation of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat patch:
-        g = 1.
+    patch_sigma : float, optional
+        Standard deviation a > 0 of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat
+        patch: g = 1.
     cut : float, default 0
         Weights below it count as 0: some filters drop what is unlike altogether (OpenCV's 0.001, scikit-image's
         exp(-5)).
@@ -193,8 +198,8 @@ def patch(
     Raises
     ------
     TypeError, ValueError
-        A radius that is not an integer >= 0, h or a not > 0, sigma < 0, cut not in 0..1; at use, a map for another
-        number of vertices.
+        A patch_radius that is not an integer >= 0, h or patch_sigma not > 0, sigma < 0, cut not in 0..1; at use, a map
+        for another number of vertices.
 
     Notes
     -----
@@ -203,10 +208,10 @@ def patch(
     h^2 = C s H^2.
     """
     return Patch(
-        integer("radius", radius, low=0),
+        integer("patch_radius", patch_radius, low=0),
         parameter("h", h),
         parameter("sigma", sigma, zero=True),
-        None if a is None else number("a", a, above=0),
+        None if patch_sigma is None else number("patch_sigma", patch_sigma, above=0),
         number("cut", cut, low=0, high=1),
         number("sigma_space", sigma_space, above=0, finite=False),
     )
@@ -219,6 +224,7 @@ def _patch_weights_for(weights: Weights, what: str) -> PatchWeights:
     return weights
 
 
+@door
 def half(weights: Weights) -> Weights:
     """The same weights on a grid, stored in float16: half the memory, and half of what a sweep has to read.
 
@@ -251,6 +257,7 @@ def half(weights: Weights) -> Weights:
     return Held(_patch_weights_for(weights, "half"), "half")
 
 
+@door
 def recomputed(weights: Weights) -> Weights:
     """The same bilateral weights on a grid, computed anew at each use: nothing is stored per edge.
 
@@ -269,6 +276,6 @@ def recomputed(weights: Weights) -> Weights:
     Notes
     -----
     The numbers are those of the stored weights; on numpy, the oracle, they are stored. On OpenCL a job then needs a few
-    functions on the vertices and no more, whatever its window.
+    functions on the vertices, whatever its window.
     """
     return Held(_patch_weights_for(weights, "recomputed"), "none")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...graphs.grid import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ..patches import PatchForm, over_patches, padded_for_patches, padded_shape, patch_jumps
 from ..types import Array, Storage, Weighted, expect_storage, expect_stored
 from .edges import NumpyGraph
@@ -48,11 +48,11 @@ class NumpyPatches(NumpyGraph):
                 maps = [] if form.maps is None else [form.maps.reshape(*graph.shape, 2)[at] for at in (inside, there)]
                 weights[h][inside] = self._similarity(rho, form, spatial, *maps)
             if graph.mask is not None:
-                weights[graph.unit_half_weights() == 0] = 0
+                weights[graph.edges.unit_half() == 0] = 0
             return Weighted(graph, None, weights)
         ndim = 1 if graph.grid is None else graph.grid.ndim
         window = form.window(ndim).astype(self.dtype)
-        jumps = patch_jumps(window.shape, padded.shape[1:])
+        jumps = patch_jumps(window.shape, row_major(padded.shape[1:]))
         flat, g = padded.reshape(len(padded), -1), window.ravel()
         weights = np.empty(graph.n_edges, self.dtype)
         for rows, edges in self._row_blocks(graph.indptr):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ...arrays import IntArray
 from ...graphs.csr import Graph
 from ...graphs.grid import AnyGraph
-from ..zones import Distances, Labels, Lengths, Zones, forward_jumps
+from ..zones import Distances, Labels, Lengths, Zones
 
 
 def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Lengths]:
@@ -20,7 +20,7 @@ def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Le
         there = lengths >= 0
         return graph.edge_rows()[there], graph.indices[there].astype(np.int64), lengths[there]
     starts, ends, along = [], [], []
-    for h, jump in enumerate(forward_jumps(graph)):
+    for h, jump in enumerate(graph.steps):
         u = np.flatnonzero(lengths[:, h] >= 0)
         starts += [u, u + jump]
         ends += [u + jump, u]

@@ -19,6 +19,7 @@ from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import PatchForm
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
+from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .queue import HostBuffer, queue
 
@@ -74,8 +75,9 @@ class OpenCLBuffers(Backend):
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
+        self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
-        self._kept: cl.Buffer = None
+        self._scratch_memory: cl.Buffer = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:
@@ -128,9 +130,9 @@ class OpenCLBuffers(Backend):
 
         It is kept from one call to another: the queue does one thing after the other.
         """
-        if self._kept is None or self._kept.size < size * self.dtype.itemsize:
-            self._kept = self._allocate(size * self.dtype.itemsize)
-        return self._kept
+        if self._scratch_memory is None or self._scratch_memory.size < size * self.dtype.itemsize:
+            self._scratch_memory = self._allocate(size * self.dtype.itemsize)
+        return self._scratch_memory
 
     def _download(self, buffer: cl.Buffer, size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         host = np.empty(size, dtype)
@@ -142,11 +144,13 @@ class OpenCLBuffers(Backend):
     def _topology(self, graph: AnyGraph) -> CsrLayout | GridLayout:
         found = self._topologies.get(graph)
         if found is None:
-            found = (
-                GridLayout(self.upload, graph, self.lanes, self.dtype.itemsize)
-                if isinstance(graph, GridGraph)
-                else CsrLayout(self.upload, graph, self._csr_group(graph))
-            )
+            geometry = self._geometry(graph)
+            if isinstance(graph, GridGraph):
+                assert isinstance(geometry, GridGeometry)
+                found = GridLayout(self.upload, graph, geometry)
+            else:
+                assert isinstance(geometry, CsrGeometry)
+                found = CsrLayout(self.upload, graph, geometry, self._csr_group(graph))
             self._topologies[graph] = found
         return found
 
@@ -164,16 +168,16 @@ class OpenCLBuffers(Backend):
 
     def get(self, graph: AnyGraph, x: Array) -> FloatArray:
         topology = self._topology(graph)
-        return topology.unpack(self._download(x.buffer, topology.size(x.channels), self.dtype), x.channels)
+        return topology.unpack(self._download(x.buffer, topology.geometry.size(x.channels), self.dtype), x.channels)
 
     def empty(self, graph: AnyGraph, channels: int) -> Array:
-        return Function(self._zeros(self._topology(graph).size(channels)), channels)
+        return Function(self._zeros(self._geometry(graph).size(channels)), channels)
 
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         topology = self._topology(graph)
         weights = host_weights(graph, weights)
         buffer = (
-            None if weights is None else topology.kept.copy(weights, functools.partial(self._put_weights, topology))
+            None if weights is None else topology.copies.copy(weights, functools.partial(self._put_weights, topology))
         )
         return Weighted(graph, topology, buffer)
 
@@ -189,7 +193,7 @@ class OpenCLBuffers(Backend):
             return self.get_weights(self.patch_distance(weighted.graph, f, of.form))
         topology = weighted.topology
         kind = np.float16 if weighted.storage == "half" else self.dtype
-        flat = self._download(weighted.weights, topology.weight_size(), kind)
+        flat = self._download(weighted.weights, topology.geometry.weight_size(), kind)
         return topology.unpack_weights(flat.astype(self.dtype, copy=False))
 
     def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
@@ -200,26 +204,23 @@ class OpenCLBuffers(Backend):
 
     def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
         topology = self._topology(graph)
-        flat = self._download(x.buffer, topology.edge_size(x.channels), self.dtype)
+        flat = self._download(x.buffer, topology.geometry.edge_size(x.channels), self.dtype)
         return topology.unpack_edges(flat, x.channels)
 
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
-        return Function(self._zeros(self._topology(graph).edge_size(channels)), channels)
+        return Function(self._zeros(self._geometry(graph).edge_size(channels)), channels)
 
-    def _layout(self, graph: AnyGraph) -> CsrLayout | GridLayout:
-        """The graph's layout without anything on the device, where nothing is there yet."""
-
-        def nothing(host: npt.NDArray[Any]) -> None:
-            return None
-
-        found = self._topologies.get(graph)
-        if found is not None:
-            return found
-        return (
-            GridLayout(nothing, graph, self.lanes, self.dtype.itemsize)
-            if isinstance(graph, GridGraph)
-            else CsrLayout(nothing, graph, self._csr_group(graph))
-        )
+    def _geometry(self, graph: AnyGraph) -> CsrGeometry | GridGeometry:
+        """The sizes of a graph's buffers: numbers alone, nothing happens on the device."""
+        found = self._geometries.get(graph)
+        if found is None:
+            found = (
+                GridGeometry.of(graph, self.lanes, self.dtype.itemsize)
+                if isinstance(graph, GridGraph)
+                else CsrGeometry(graph.n_vertices, graph.n_edges)
+            )
+            self._geometries[graph] = found
+        return found
 
     @property
     def largest_buffer(self) -> int:
@@ -229,8 +230,8 @@ class OpenCLBuffers(Backend):
         return 0 if isinstance(graph, GridGraph) else graph.indptr.nbytes + graph.indices.nbytes
 
     def function_bytes(self, graph: AnyGraph, channels: int) -> int:
-        return self._layout(graph).size(channels) * self.dtype.itemsize
+        return self._geometry(graph).size(channels) * self.dtype.itemsize
 
     def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
-        layout = self._layout(graph)
-        return (layout.edge_size(1) if directed else layout.weight_size()) * self.dtype.itemsize
+        geometry = self._geometry(graph)
+        return (geometry.edge_size(1) if directed else geometry.weight_size()) * self.dtype.itemsize

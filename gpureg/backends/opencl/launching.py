@@ -17,7 +17,8 @@ from ...graphs.grid import GridGraph
 from ..patches import PatchForm
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
-from .layout import GridLayout, round_up
+from .geometry import round_up
+from .layout import GridLayout
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.

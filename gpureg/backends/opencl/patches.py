@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...graphs.grid import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..types import Array, Device, Storage, Weighted, expect_storage, expect_stored
 from .buffers import Recomputed
+from .geometry import GridGeometry
 from .launching import OpenCLLaunches
 from .layout import GridLayout
 from .strips import PACKS, ROWS, Strips, exp2_scale
@@ -62,26 +63,27 @@ class OpenCLPatches(OpenCLLaunches):
         similarity = () if form.scale is None else ("-DSIMILARITY",)
         if isinstance(topology, GridLayout):
             assert isinstance(graph, GridGraph)
-            half = np.ones(topology.H) if form.spatial is None else form.spatial
+            geometry = topology.geometry
+            half = np.ones(graph.half_window) if form.spatial is None else form.spatial
             if storage == "none":
                 return Weighted(graph, topology, self._recomputed(graph, f, form, half), storage=storage)
             itemsize = 2 if storage == "half" else self.dtype.itemsize
-            weights = self._between_zeros(topology.weight_size(), topology.weight_guard, itemsize)
-            if topology.H:
+            weights = self._between_zeros(geometry.weight_size(), geometry.weight_guard, itemsize)
+            if graph.half_window:
                 strips = self._strips(graph, form, 1)
                 planes = self.upload(strips.planes(f))
                 steps = graph.forward_offsets.astype(np.int32)
                 args = strips.args(self.upload, planes, steps, half, self.real)
-                args += [np.int64(topology.weight_pitch), np.int64(topology.weight_guard), weights]
+                args += [np.int64(geometry.weight_pitch), np.int64(geometry.weight_guard), weights]
                 options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
                 options += ("-DHALF_WEIGHTS",) if storage == "half" else ()
                 self._launch_strips("patch_distance", options, args, strips.size, strips)
             return Weighted(graph, topology, weights, storage=storage)
-        weights = self._allocate(topology.weight_size() * self.dtype.itemsize)
+        weights = self._allocate(topology.geometry.weight_size() * self.dtype.itemsize)
         padded, sites = padded_for_patches(graph, f, form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
-        jumps = patch_jumps(window.shape, shape)
+        jumps = patch_jumps(window.shape, row_major(shape))
         spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
         args = [
             self.upload(padded),
@@ -116,8 +118,8 @@ class OpenCLPatches(OpenCLLaunches):
     ) -> Array:
         if form.scale is None:
             return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
-        layout = self._topology(graph)
-        assert isinstance(layout, GridLayout)
+        geometry = self._geometry(graph)
+        assert isinstance(geometry, GridGeometry)
         M = f.shape[1]
         out = self.empty(graph, M) if out is None else out
         strips = self._strips(graph, form, 1 + M)
@@ -127,9 +129,9 @@ class OpenCLPatches(OpenCLLaunches):
             compared, Q = self.upload(strips.planes(np.asarray(guide, self.dtype))), guide.shape[1]
         lams, lam_options = self._lam(lam)
         function = [
-            np.int64(layout.pitch),
-            np.int64(layout.plane),
-            np.int64(layout.guard),
+            np.int64(geometry.pitch),
+            np.int64(geometry.plane),
+            np.int64(geometry.guard),
             f0.buffer,
             *lams,
             out.buffer,
@@ -159,6 +161,6 @@ class OpenCLPatches(OpenCLLaunches):
         grid = expect_stored(weighted)
         lines = patch_lines(grid, radius)
         if weighted.weights is None:
-            weighted = self.prepare(grid, grid.unit_half_weights())
+            weighted = self.prepare(grid, grid.edges.unit_half())
         args = [np.int32(len(lines)), self.upload(lines), f.buffer, share.buffer, centre.buffer, out.buffer]
         self._run("aggregate", weighted, args, (f"-DM={f.channels}", f"-DR={radius}"))

@@ -13,6 +13,7 @@ from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
 from .duality import OpenCLDuality
+from .geometry import GridGeometry
 from .layout import GridLayout
 from .patches import OpenCLPatches
 from .queue import vector_width
@@ -64,10 +65,10 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
     name = "opencl"
 
     def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
-        layout = self._layout(graph)
-        if not isinstance(layout, GridLayout) or self.device.kind == "gpu" or not norms:
+        geometry = self._geometry(graph)
+        if not isinstance(geometry, GridGeometry) or self.device.kind == "gpu" or not norms:
             return 0
-        blocks = layout.blocks(channels, norms, True, self.device.handle.max_compute_units)
+        blocks = geometry.blocks(channels, norms, True, self.device.handle.max_compute_units)
         return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
@@ -128,7 +129,8 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
         G = model.norms(f.channels)
         stored = weighted.weights is not None and weighted.storage != "none"
         cores = self.device.handle.max_compute_units
-        blocks = layout.blocks(f.channels, G, stored, cores, wide=layout.wide and weighted.storage != "none")
+        geometry = layout.geometry
+        blocks = geometry.blocks(f.channels, G, stored, cores, wide=geometry.wide and weighted.storage != "none")
         lams, lam_options = self._lam(lam)
         args = [
             f.buffer,
@@ -139,7 +141,7 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
             self.real(theta),
             np.int32(blocks.band),
             np.int32(blocks.stretch),
-            np.int32(layout.jump),
+            np.int32(geometry.jump),
             np.int32(blocks.slots),
             np.int64(blocks.ring_pitch),
             layout.rings(blocks, self._allocate),

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...graphs.grid import GridGraph
-from ..patches import PatchForm, reflected
-from .layout import Upload, round_up
+from ...graphs.grid import GridGraph, row_major
+from ..patches import PatchForm, patch_jumps, reflected
+from .geometry import round_up
+from .layout import Upload
 
-# On a CPU, rows of a block, and packs of its rows where it keeps two sums per cell, fewer where it keeps more: what a
-# work item keeps fits the second cache. A part that begins at multiples of both is cut into blocks of the whole.
+# On a CPU, rows of a block, and packs of its rows where it has two sums per cell, fewer where it has more: the sums of
+# a work item fit the second cache. A part that begins at multiples of both is cut into blocks of the whole.
 ROWS, PACKS = 32, 8
 # On a GPU, rows that one thread goes down.
 _GPU_ROWS = 8
@@ -70,7 +71,7 @@ class Strips:
         Bytes of a number.
     gpu : bool
     sums : int
-        Sums that a work item keeps per cell.
+        Sums that a work item has per cell.
     """
 
     graph: GridGraph
@@ -170,8 +171,7 @@ class Strips:
         padded = tuple(s + 2 * r for s in graph.shape[:-1])
         # The patch along the leading axes of a grid of three axes and more, as steps in padded numbers.
         leading = form.window(max(graph.ndim - 2, 0))
-        strides = np.array([math.prod(padded[a + 1 :]) for a in range(leading.ndim)], np.int64) * self.pitch
-        lines = strides @ (np.indices(leading.shape).reshape(leading.ndim, leading.size) - r)
+        lines = patch_jumps(leading.shape, row_major(padded)[: leading.ndim] * self.pitch)
         scale = 0.0 if form.scale is None else form.scale
         largest = float(np.finfo(real).max)
         return [
@@ -186,7 +186,7 @@ class Strips:
             upload(steps),
             upload(spatial.astype(real)),
             np.int32(leading.size),
-            upload(np.atleast_1d(lines).astype(np.int64)),
+            upload(lines),
             upload(leading.ravel().astype(real)),
             upload(form.profile.astype(real)),
             real(form.shift),

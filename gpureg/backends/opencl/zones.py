@@ -8,8 +8,9 @@ import numpy as np
 
 from ...graphs.grid import AnyGraph, GridGraph
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from .geometry import round_up
 from .launching import OpenCLLaunches
-from .layout import CsrLayout, round_up
+from .layout import CsrLayout
 
 _GPU_GROUP = 64
 

@@ -94,7 +94,9 @@ class WarpLaunches(Backend):
         if weights is None:
             return self._bind(graph, None)
         layout = self._layout(graph)
-        return self._bind(graph, layout.kept.copy(weights, lambda host: self._upload_reals(layout.pack_weights(host))))
+        return self._bind(
+            graph, layout.copies.copy(weights, lambda host: self._upload_reals(layout.pack_weights(host)))
+        )
 
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:

@@ -14,9 +14,9 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.csr import Graph
 from ...graphs.edges import opposite_edges
-from ...graphs.grid import GridGraph
+from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import csr, grid
-from ..types import Array, Kept
+from ..types import Array, DeviceCopies
 
 Upload = Callable[[npt.NDArray[Any], Any], Any]
 """Copies a host array to the device, as numbers or vectors of a Warp type."""
@@ -38,17 +38,17 @@ class Csr:
             )
         self.shape = (1, graph.n_vertices)
         self.weight_shape: tuple[int, ...] = (max(graph.n_edges, 1),)
-        # not the graph: the layouts are kept for as long as their graph lives
+        # no reference to the graph: the layouts live as long as it does
         self._n_edges = graph.n_edges
         self._real = real
         self._struct = csr.struct(self._real)
         self.indptr = upload(graph.indptr.astype(np.int32), wp.int32)
         self.indices = upload(graph.indices.astype(np.int32, copy=False), wp.int32)
-        # Made when it is first needed, from what does not keep the graph alive.
+        # Made when it is first needed. The arrays, not the graph: the layouts live as long as their graph.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
         self._cuts: dict[int, list[int]] = {}
-        self.kept = Kept()
+        self.copies = DeviceCopies()
 
     @property
     def work(self) -> int:
@@ -108,13 +108,12 @@ class Grid:
         self._real = real
         self._struct, place, sizes = grid.struct(self._real, graph.ndim)
         leading = graph.ndim - 1 if graph.ndim > 2 else 0
-        strides = [math.prod(graph.shape[d + 1 : -1]) for d in range(graph.ndim - 1)]
-        rows = graph.offsets[:, :-1] @ np.array(strides, np.int64)
+        rows = graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
         self._reach = int(np.abs(graph.offsets[:, -1]).max(initial=0))
         steps = np.column_stack([rows, graph.offsets[:, -1], graph.offsets[:, :leading]])
         self.offsets = upload(steps.astype(np.int32), place)
         self._sizes = sizes(*graph.shape[:leading]) if leading else sizes(0)
-        self.kept = Kept()
+        self.copies = DeviceCopies()
 
     @property
     def work(self) -> int:

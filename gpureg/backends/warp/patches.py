@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from ...arrays import FloatArray, IntArray
-from ...graphs.grid import AnyGraph, GridGraph
+from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ...kernels.warp import (
     aggregate,
     patch_distance,
@@ -18,7 +18,7 @@ from ...kernels.warp import (
     similarity_step,
     strip,
 )
-from ..patches import PatchForm, padded_for_patches, padded_shape, patch_lines, reflected
+from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines, reflected
 from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
 from .launching import WarpLaunches
 from .layout import channels_of
@@ -87,8 +87,7 @@ class WarpPatches(WarpLaunches):
         maps = None if form.scale is None else form.maps
         # The patch along the leading axes of a grid of three axes and more, as steps in rows.
         leading = form.window(max(ndim - 2, 0))
-        strides = np.array([math.prod(padded.shape[a + 2 : -1]) for a in range(leading.ndim)], np.int64)
-        lines = strides @ (np.indices(leading.shape).reshape(leading.ndim, leading.size) - r)
+        lines = patch_jumps(leading.shape, row_major(padded.shape[1:-1])[: leading.ndim])
 
         patches = strip.struct(self.real)()
         patches.f, patches.inside = self._upload_reals(planes.ravel()), self._upload_reals(within.ravel())
@@ -96,7 +95,7 @@ class WarpPatches(WarpLaunches):
         patches.sizes = self.upload(np.array(graph.shape, np.int32), wp.int32)
         patches.offsets, patches.n_offsets = self.upload(offsets.astype(np.int32).ravel(), wp.int32), len(offsets)
         patches.spatial, patches.profile = self._upload_reals(spatial), self._upload_reals(form.profile)
-        patches.lines = self.upload(np.atleast_1d(lines).astype(np.int32), wp.int32)
+        patches.lines = self.upload(lines.astype(np.int32), wp.int32)
         patches.line_weights = self._upload_reals(leading.ravel())
         if maps is not None:
             cells = np.moveaxis(maps.reshape(*graph.shape, 2), -1, 0)
@@ -123,9 +122,7 @@ class WarpPatches(WarpLaunches):
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         # The patch as lines along the last axis, each so many padded rows away.
-        axes = (*window.shape[:-1], 1)
-        lines = np.asarray(np.ravel_multi_index(tuple(np.indices(axes).reshape(len(shape), -1)), (*shape[:-1], 1)))
-        lines = lines - lines[len(lines) // 2]
+        lines = patch_jumps(window.shape[:-1], row_major(shape[:-1]))
         places = np.stack(np.divmod(sites, shape[-1]), axis=-1).astype(np.int32)
         function = reals.vector(self.real, m)
         bare = self._bind(graph, None).topology

@@ -12,9 +12,11 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..checks import number
+from ..doors import door
+from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
-from ..model.problem import as_function
+from ..model.problem import as_function, uses_degrees
 from ..model.result import Result
 from ..regularization.path import SETTINGS as _SERIES
 from ..regularization.path import Series
@@ -56,9 +58,10 @@ def explained(ratio: float, evaluations: int) -> str:
     return f"discrepancy principle: {ratio:.3f} of the noise's energy taken away, {evaluations} evaluation(s)"
 
 
+@door
 def discrepancy(
     f0: npt.ArrayLike,
-    graph: Graph | GridGraph,
+    graph: GraphLike,
     sigma: float | npt.ArrayLike,
     *,
     start: float | None = None,
@@ -114,12 +117,16 @@ def discrepancy(
     for name in ("lam", "initial"):
         if name in settings:
             raise TypeError(f"{name} is what is looked for, or part of the search: leave it out")
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     data = as_function(graph, f0, "f0")
     inside = graph.mask.ravel() if isinstance(graph, GridGraph) and graph.mask is not None else None
     noise = _noise(sigma, graph, inside)
     unit = math.sqrt(_mean_square(noise, None if noise.size == 1 else inside))
     relative: float | FloatArray = 1.0 if noise.size == 1 else (unit / noise[:, 0]) ** 2
-    p = float(settings.pop("p", 2.0))
+    p = number("p", settings.pop("p", 2.0), above=0)
+    if start is not None:
+        number("start", start, above=0)
+    number("rtol", rtol, above=0)
     solver = resolve(settings.get("solver", "jacobi"))
     # where the end does not depend on the start
     warm = p >= 1 and (settings.get("tol") is not None or solver.tol is not None) and _SERIES.issuperset(settings)

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
+from ..checks import number
+from ..doors import door
 from ..shapes.cloud import cloud_of
 from .camera import PANEL, Axis, camera_of, panels_of
 from .canvas import Path_, check_path, finish
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 _CLASSES = 20
 
 
+@door
 def points(
     points: Mapping[str, Any] | Sequence[Any],
     *,
@@ -63,6 +66,8 @@ def points(
         picture's.
     """
     check_path(path)
+    if size is not None:
+        number("size", size, above=0)
     titles, clouds = _listed(points)
     seen = [_flat(cloud) for cloud in clouds]
     if clouds[0].shape[1] == 3:

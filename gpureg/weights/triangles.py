@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces
+from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph
 from .base import EdgeWeights
@@ -51,6 +52,7 @@ class Cotangent(EdgeWeights):
         return found
 
 
+@door
 def cotangent(faces: npt.ArrayLike) -> Cotangent:
     """Weights (cot a + cot b)/2 on the edges of a mesh, a and b the angles facing the edge: Pinkall and Polthier's.
 

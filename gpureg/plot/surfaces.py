@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, unmasked
+from ..checks import choice, flag
+from ..doors import door
 from ..metrics import is_watertight, volume
 from ..shapes.surface import Surface, face_normals, face_vectors, surface_of, vertex_normals
 from .camera import PANEL, Axis, camera_of, panels_of
@@ -27,6 +29,7 @@ _CLAY = (0.80, 0.79, 0.76)
 _LIGHTS, _AMBIENT = np.array([[-0.36, 0.44, 0.56], [0.26, -0.05, 0.15]]), 0.24
 
 
+@door
 def meshes(
     meshes: Mapping[str, Any] | Sequence[Any],
     *,
@@ -81,8 +84,8 @@ def meshes(
     of closed meshes, and lit like the others in open ones.
     """
     check_path(path)
-    if shading not in get_args(Shading):
-        raise ValueError(f'shading must be "flat" or "smooth", got {shading!r}')
+    choice("shading", shading, get_args(Shading))
+    edges = flag("edges", edges)
     titles, surfaces = _listed(meshes)
     painted = _colours(values, surfaces)
     first = surfaces[0]

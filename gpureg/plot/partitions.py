@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ..doors import door
 from .canvas import Path_, as_picture, as_spacing, check_path, colours, finish, panels, sections, show, span, unknown_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@door
 def simplification(
     image: npt.ArrayLike,
     partition: npt.ArrayLike,

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_points
+from ..checks import flag
 from ..curves.skeletons import Skeleton
+from ..doors import door
 from .camera import panels_of
 from .canvas import Path_, check_path, finish
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 _MARKED = 1500
 
 
+@door
 def curves(
     curves: Mapping[str, Any] | Sequence[Any],
     *,
@@ -61,12 +64,14 @@ def curves(
         What are no curves of the plane, an extension that is no picture's.
     """
     check_path(path)
+    upright = flag("upright", upright)
+    vertices = None if vertices is None else flag("vertices", vertices)
     titles, given = _listed(curves)
     panels_of_curves = [_several(panel) for panel in given]
     together = np.concatenate([x for panel in panels_of_curves for x in panel])
     figure, panels = _panels(together, titles, caption, upright)
     for axes, panel in zip(panels, panels_of_curves, strict=True):
-        shut = [closed] * len(panel) if isinstance(closed, bool) else list(closed)
+        shut = [flag("closed", each) for each in ([closed] * len(panel) if np.ndim(closed) == 0 else closed)]  # type: ignore[union-attr]
         if len(shut) != len(panel):
             raise ValueError(f"closed must be one truth value, or one for each of {len(panel)} curves")
         marked = sum(map(len, panel)) <= _MARKED if vertices is None else vertices
@@ -78,6 +83,7 @@ def curves(
     return finish(figure, path)
 
 
+@door
 def skeleton(
     skeletons: Any,
     *,
@@ -104,6 +110,7 @@ def skeleton(
         As :func:`gpureg.plot.curves`.
     """
     check_path(path)
+    upright = flag("upright", upright)
     given = skeletons if isinstance(skeletons, Mapping) else {"": skeletons}
     shown = {title: [each] if isinstance(each, Skeleton) else list(each) for title, each in given.items()}
     if (

@@ -1,0 +1,192 @@
+"""How functions and weights lie in OpenCL buffers, as numbers alone: nothing here is on a device."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...graphs.grid import GridGraph, row_major
+
+# Offsets of the largest window that is compiled in and unrolled: every such window is a build of its own.
+SMALL_WINDOW = 8
+
+CACHE_LINE = 64
+
+# Bytes that a block of a fused sweep may have in use at a time, and its rows for each row of halo.
+WORKING_SET = 6 << 20
+HALO = 32
+
+# Columns of a block through a wide window: its weights are read in stretches as long as this.
+WIDE_STRETCH = 1024
+
+
+def round_up(value: int, multiple: int) -> int:
+    """The smallest multiple that is not below the value."""
+    return -(-value // multiple) * multiple
+
+
+class Geometry(ABC):
+    """Sizes of the buffers of a graph."""
+
+    @abstractmethod
+    def size(self, channels: int) -> int:
+        """Numbers in a function of so many channels."""
+
+    @abstractmethod
+    def weight_size(self) -> int:
+        """Numbers in the weights' buffer."""
+
+    @abstractmethod
+    def edge_size(self, channels: int) -> int:
+        """Numbers in a function of so many channels on the directed edges."""
+
+
+@dataclass(frozen=True)
+class CsrGeometry(Geometry):
+    """A stored graph: its vertices, and its directed edges."""
+
+    n: int
+    n_edges: int
+
+    def size(self, channels: int) -> int:
+        return self.n * channels
+
+    def weight_size(self) -> int:
+        return self.n_edges
+
+    def edge_size(self, channels: int) -> int:
+        return self.n_edges * channels
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """How ``sweep.cl`` cuts a grid: `count` blocks along both axes, of `band` rows and `stretch` columns each.
+
+    A block's ring has `slots` rows of the grid, numbers of `ring_pitch` in a row of one function, `ring_size` in all.
+    """
+
+    band: int
+    stretch: int
+    count: tuple[int, int]
+    slots: int
+    ring_pitch: int
+    ring_size: int
+
+
+@dataclass(frozen=True)
+class GridGeometry(Geometry):
+    """An implicit grid: the layout that ``grid.cl`` describes.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Of the grid, (ndim,).
+    half_window : int
+        Forward offsets, H.
+    reach : int
+        Cells of a row from one to its farthest neighbour.
+    jump : int
+        Rows from a cell to its farthest neighbour.
+    lanes : int
+        Numbers in a pack, N.
+    itemsize : int
+        Bytes of a number.
+    """
+
+    shape: tuple[int, ...]
+    half_window: int
+    reach: int
+    jump: int
+    lanes: int
+    itemsize: int
+
+    @classmethod
+    def of(cls, graph: GridGraph, lanes: int, itemsize: int) -> GridGeometry:
+        """The geometry of a grid graph."""
+        columns, rows = graph.offsets[:, -1], graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
+        reach, jump = (int(np.abs(steps).max(initial=0)) for steps in (columns, rows))
+        return cls(graph.shape, graph.half_window, reach, jump, lanes, itemsize)
+
+    @cached_property
+    def W(self) -> int:
+        """Cells of a row."""
+        return self.shape[-1]
+
+    @cached_property
+    def rows(self) -> int:
+        """Rows of the grid, along all its axes but the last."""
+        return math.prod(self.shape[:-1])
+
+    @cached_property
+    def pitch(self) -> int:
+        """Numbers from one row of a function to the next."""
+        return self.spread(self.W)
+
+    @cached_property
+    def guard(self) -> int:
+        """Zeros before and after the rows of a function."""
+        return round_up(self.jump * self.pitch + self.reach + self.lanes, self.lanes)
+
+    @cached_property
+    def plane(self) -> int:
+        """Numbers of one channel of a function."""
+        return 2 * self.guard + self.rows * self.pitch
+
+    @cached_property
+    def weight_pitch(self) -> int:
+        """Numbers from one row of weights to the next."""
+        return self.spread(round_up(self.W, self.lanes) + self.reach)
+
+    @cached_property
+    def weight_guard(self) -> int:
+        """Zeros before and after the rows of weights."""
+        return round_up(self.reach + self.lanes - 1, self.lanes)
+
+    @property
+    def compiled_in(self) -> bool:
+        """Whether the window is compiled in and unrolled."""
+        return len(self.shape) <= 2 and 0 < 2 * self.half_window <= SMALL_WINDOW
+
+    @property
+    def wide(self) -> bool:
+        """Whether a fused sweep goes through a window that is too large to be compiled in, as ``sweep.cl`` has it."""
+        return len(self.shape) <= 2 and not self.compiled_in
+
+    def size(self, channels: int) -> int:
+        return self.plane * channels
+
+    def weight_size(self) -> int:
+        return self.weight_guard + self.rows * self.half_window * self.weight_pitch + self.weight_guard
+
+    def edge_size(self, channels: int) -> int:
+        return self.weight_guard + self.rows * 2 * self.half_window * channels * self.weight_pitch + self.weight_guard
+
+    def spread(self, cells: int) -> int:
+        """Numbers from one row of `cells` in whole packs to the next: an odd number of cache lines.
+
+        With 1024 numbers all rows would begin in the same set of a cache, and more than 8 push each other out.
+        """
+        packs, line = round_up(cells, self.lanes), CACHE_LINE // self.itemsize
+        return packs + line if packs % (2 * line) == 0 else packs
+
+    def blocks(self, channels: int, norms: int, weighted: bool, cores: int, *, wide: bool | None = None) -> Blocks:
+        """Blocks for a fused sweep on so many cores; `wide` as ``sweep.cl`` has it, None where the window decides."""
+        wide = self.wide if wide is None else wide
+        margin = round_up(self.reach, self.lanes)
+        slots, row = (self.jump + 1, 3 * norms + channels) if wide else (2 * self.jump + 1, norms)
+        # what a core has in use at a time, in bytes per column: its rows of the ring, f and the weights
+        column = self.itemsize * (2 * self.jump + 1) * (norms + channels + (self.half_window if weighted else 0))
+        stretch = WIDE_STRETCH if wide else round_up(max(WORKING_SET // column, 16 * margin), self.lanes)
+        across = -(-self.W // stretch)
+        most = max(1, self.rows // (HALO * max(1, self.jump)))
+        bands = min(self.rows, max(-(-cores // across), min(most, -(-8 * cores // across))))
+        across = max(across, min(-(-cores // bands), -(-self.W // (16 * self.lanes))))
+        stretch = round_up(-(-self.W // across), self.lanes)
+        band = -(-self.rows // bands)
+        ring_pitch = self.spread(stretch + 2 * margin + self.lanes)
+        count = (-(-self.W // stretch), -(-self.rows // band))
+        return Blocks(band, stretch, count, slots, ring_pitch, slots * row * ring_pitch)

@@ -1,0 +1,20 @@
+"""All commands of ``gpureg`` in one group."""
+
+from __future__ import annotations
+
+from .backends import list_backends
+from .curve import curve
+from .demo import demo
+from .denoise import denoise
+from .figures import figures
+from .group import main
+from .mesh import mesh
+from .points import points
+from .simplify import simplify
+
+__all__ = ["COMMANDS", "main"]
+
+COMMANDS = (denoise, simplify, mesh, curve, points, demo, figures, list_backends)
+
+for command in COMMANDS:
+    main.add_command(command)

@@ -1,0 +1,107 @@
+"""Check polygonal curves as they are given, and give them back in the same form: :class:`Curves`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray, checked_points
+from ..graphs.csr import Graph
+from ..graphs.of_shapes import curve_graph
+from ..shapes.ends import Ends, ends_of
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Polygonal curves, checked.
+
+    Attributes
+    ----------
+    points : list of (n, d) float64 arrays
+        The vertices of each, without a first one repeated at the end.
+    ends : list of Ends
+        Which are closed, and how that is known.
+    dtypes : list of dtype
+        The type of floating point in which each curve goes back.
+    several : bool
+        Whether they came as a list.
+    """
+
+    points: list[FloatArray]
+    ends: list[Ends]
+    dtypes: list[np.dtype[Any]]
+    several: bool
+
+    @property
+    def closed(self) -> list[bool]:
+        """Whether each curve is closed."""
+        return [ends.closed for ends in self.ends]
+
+    def graph(self) -> Graph:
+        """Make one graph of all curves, the positions of each around its mean."""
+        parts = [curve_graph(x - x.mean(axis=0), shut) for x, shut in zip(self.points, self.closed, strict=True)]
+        if len(parts) == 1:
+            return parts[0]
+        starts = np.cumsum([0, *(part.n_vertices for part in parts[:-1])])
+        ends = np.cumsum([0, *(part.n_edges for part in parts)])
+        return Graph(
+            np.concatenate([[0], *(part.indptr[1:] + end for part, end in zip(parts, ends, strict=False))]),
+            np.concatenate([part.indices + start for part, start in zip(parts, starts, strict=True)]),
+            None,
+            np.concatenate([part.positions for part in parts if part.positions is not None]),
+        )
+
+    def split(self, f: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+        """Split a function on the vertices of all curves, (n,) or (n, m), curve by curve."""
+        return np.split(f, np.cumsum([len(x) for x in self.points[:-1]]))
+
+    def as_came(self, values: list[FloatArray]) -> Any:
+        """Return the vertices of each curve in its type, the first repeated where it was; alone if one came alone."""
+        made = [
+            (np.concatenate([x, x[:1]]) if ends.repeated else x).astype(dtype)
+            for x, ends, dtype in zip(values, self.ends, self.dtypes, strict=True)
+        ]
+        return made if self.several else made[0]
+
+
+def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: bool | None = None) -> Curves:
+    """Make curves of one, (n, d), or a list of them, and check them; :class:`Curves` come back as they are.
+
+    Parameters
+    ----------
+    points : (n, d) array, list of such, or Curves
+    closed : bool, optional
+        As for :func:`gpureg.shapes.ends.ends_of`, for each curve.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Coordinates that are not real and finite, curves of too few vertices or of different dimensions.
+    """
+    if isinstance(points, Curves):
+        return points
+    several = isinstance(points, list | tuple) and all(np.ndim(x) == 2 for x in points)
+    given: list[Any] = list(points) if several else [points]  # type: ignore[arg-type]
+    if not given:
+        raise ValueError("there is no curve: the list is empty")
+    parts, shapes, dtypes = [], [], []
+    for k, curve in enumerate(given):
+        array = np.asarray(curve)
+        x = checked_points(array, f"curve {k}" if several else "points")
+        ends = ends_of(x, closed)
+        x = x[:-1] if ends.repeated else x
+        least = 3 if ends.closed else 2
+        if len(x) < least:
+            what = f"curve {k}" if several else "the curve"
+            kind = "a closed" if ends.closed else "an open"
+            raise ValueError(f"{what} has {len(x)} vertices; {kind} one needs {least}")
+        parts.append(x)
+        shapes.append(ends)
+        dtypes.append(array.dtype if array.dtype.kind == "f" else np.dtype(np.float64))
+    if len({x.shape[1] for x in parts}) > 1:
+        raise ValueError(f"all curves must have as many dimensions, got {sorted({x.shape[1] for x in parts})}")
+    return Curves(parts, shapes, dtypes, several)
