@@ -7,20 +7,20 @@ FOLDER = Path(__file__).parent / "figures"
 
 HEAD = """# The figures of the paper
 
-Drawn when this page was made, quickly and small, by one command:
+The figures were drawn when this page was made, with small data, by one command:
 
 ```console
 $ gpureg figures paper/ --quick
 ```
 
-Without `--quick` they are larger, in two minutes on two cores. Each can be drawn of your own picture, mesh or curve
-(`--image`, `--mesh`, `--curve`), and one by itself (`--only 3`); all numbers are beside it as JSON. What the paper
-gives is taken as it is. What it leaves open is said under each figure.
+Without `--quick` the data are larger; this takes two minutes on two cores. `--image`, `--mesh` and `--curve` take
+your own data, and `--only 3` draws one figure. All numbers are written as JSON too. Parameters that the paper gives are
+used; the others are listed under each figure.
 """
 
 
 def draw(app=None):
-    """Draw what is not there yet, and write the page."""
+    """Draw the figures that are missing, and write the page."""
     from gpureg.figures import FIGURES, Inputs, draw_figures
 
     FOLDER.mkdir(exist_ok=True)
@@ -29,7 +29,7 @@ def draw(app=None):
     if not all(path.exists() for path in files):
         inputs = Inputs(quick=True, backend=os.environ.get("GPUREG_BACKEND", "auto"))
         for text, (drawn, path, _) in zip(files, draw_figures(FOLDER, inputs), strict=True):
-            # without the marks of mathematics that matplotlib reads
+            # without matplotlib's marks of mathematics
             settings = drawn.settings.replace("$", "")
             words = [f"## {drawn.title}", f"![{drawn.title}](figures/{path.name})", drawn.see, f"Settings: {settings}"]
             text.write_text("\n\n".join(words) + "\n", "utf-8")

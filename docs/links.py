@@ -1,4 +1,4 @@
-"""``python docs/links.py build/docs``: every link inside a built site must lead somewhere, anchors too."""
+"""Check the links inside a built site, anchors too: ``python docs/links.py build/docs``."""
 
 import sys
 from html.parser import HTMLParser
@@ -7,7 +7,7 @@ from urllib.parse import unquote, urlsplit
 
 
 class Page(HTMLParser):
-    """The links of a page, and what can be linked to in it."""
+    """The links and the anchors of a page."""
 
     def __init__(self, path):
         super().__init__()
@@ -15,16 +15,16 @@ class Page(HTMLParser):
         self.feed(path.read_text("utf-8"))
 
     def handle_starttag(self, tag, attrs):
-        """Collect."""
+        """Collect links and anchors of a tag."""
         given = dict(attrs)
-        # of other tags a name is none: <meta name="viewport">
+        # a name is an anchor of <a> only, not of <meta name="viewport">
         self.anchors |= {given[name] for name in (("id", "name") if tag == "a" else ("id",)) if given.get(name)}
         self.links += [given[name] for name in ("href", "src") if given.get(name)]
 
 
 def dead_links(site):
-    """Links that lead nowhere, as (page, link)."""
-    # below _static lie the theme's templates
+    """Return the dead links, as (page, link), and the number of pages."""
+    # _static has the theme's templates
     pages = {path.resolve(): Page(path) for path in site.rglob("*.html") if "_static" not in path.parts}
     dead = []
     for path, page in pages.items():

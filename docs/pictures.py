@@ -1,4 +1,4 @@
-"""Pictures of the gallery: a block's figures, which no pyplot knows, written where sphinx-gallery looks for them."""
+"""Pictures of the gallery: sphinx-gallery finds figures of pyplot only, so this writes the other figures of a block."""
 
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
@@ -11,7 +11,7 @@ def scraper(block, block_vars, gallery_conf):
     paths = []
     for value in block_vars["example_globals"].values():
         if isinstance(value, Figure) and id(value) not in _seen:
-            # held, so that no later figure gets its number
+            # stored, so that no later figure gets the same id
             _seen[id(value)] = value
             path = next(block_vars["image_path_iterator"])
             value.savefig(path, dpi=110)

@@ -13,7 +13,7 @@ HERE = Path(__file__).parent / "images"
 
 
 def write(figure, name, width=1100):
-    """Write a figure so many pixels wide, in 128 colours, which halves its bytes."""
+    """Write a figure `width` pixels wide, in 128 colours, which halves its size."""
     path = HERE / name
     figure.savefig(path, dpi=110)
     with Image.open(path) as opened:
@@ -22,7 +22,7 @@ def write(figure, name, width=1100):
 
 
 def mesh():
-    """A mesh with noise, without, and with fewer vertices."""
+    """Draw a noisy mesh, denoised, and simplified."""
     vertices, faces = made.animal(26)
     edge = np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1).mean()
     rng = np.random.default_rng(0)
@@ -40,10 +40,10 @@ def mesh():
 
 
 def regions():
-    """A picture, its zones, and fewer of them."""
+    """Draw a picture, its regions, and the merged regions."""
     picture = data.astronaut()[:300, 90:430]
     found = gr.simplify_image(picture, p=0.5, lam=0.5, weights="border", norm="edge", by_size=True, channel_axis=-1)
-    merged = found.merged(tol=8)
+    merged = found.merged(merge_tol=8)
     write(merged.plot(), "regions.png", 1300)
 
 

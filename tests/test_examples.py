@@ -1,4 +1,4 @@
-"""The page of examples runs, prints what it says, and its gains are there."""
+"""The page on images runs, prints what it says, and shows the gains that it promises."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 PAGE = Path(__file__).parent.parent / "docs" / "images.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
 
-# Which two lines of a section are compared, and how many dB the second must be above the first: somewhat less than the
-# page says, so that another device's or library's last digits do not matter.
+# Two lines of a section, and the least difference in dB of the second from the first: a little less than on the page,
+# so that the last digits of another device or library do not matter.
 GAINS = [
     ("Without parameters", "noisy", "denoised", 9.0),
     ("A volume", "noisy", "denoise_image", 15.0),
@@ -25,7 +25,7 @@ GAINS = [
     ("A series in colour", "pan, frame by frame", "pan, two pixels apart", 0.25),
     ("A series in colour", "pan, frame by frame", "pan, one pixel apart", 0.25),
     ("Holes and a mask", "noisy", "denoised", 9.0),
-    ("Holes and a mask", "holes taken for black", "beside holes", 5.0),
+    ("Holes and a mask", "holes taken for black", "near holes", 5.0),
     ("Photon noise", "noisy", "map of sigma", 10.0),
     ("Photon noise", "one sigma, estimated", "map of sigma", 5.0),
     ("Photon noise", "one sigma, the best", "map of sigma", 1.4),
@@ -39,7 +39,7 @@ GAINS = [
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the page is run and draws its pictures."""
+    """Folder in which the page is run and draws its pictures."""
     folder = tmp_path_factory.mktemp("page")
     (folder / "images").mkdir()
     return folder
@@ -74,14 +74,14 @@ def test_gains(ran: list[pages.Block], section: str, less: str, more: str, gain:
 
 
 def test_pictures(ran: list[pages.Block], folder: Path) -> None:
-    """Those that the page shows are those it draws, and they are kept beside it, small."""
+    """The page shows the pictures that it draws; each is in the checkout and small."""
     shown = {f"images/{path.name}" for path in (folder / "images").iterdir()}
     assert shown == set(re.findall(r"!\[.*?\]\((.*?)\)", PAGE.read_text("utf-8")))
     for name in shown:
         assert (PAGE.parent / name).stat().st_size < 150_000, name
 
 
-def test_a_page_that_says_something_else_is_found_out() -> None:
+def test_a_page_that_says_something_else_is_found() -> None:
     assert pages.same("noisy  22.07 dB\n", "noisy 22.0 dB", 5e-3)
     assert not pages.same("noisy  22.07 dB\n", "noisy 21.0 dB", 5e-3)
     assert not pages.same("noisy  22.07 dB\n", "clean 22.07 dB", 5e-3)

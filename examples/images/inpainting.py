@@ -42,7 +42,7 @@ fills = {f"p = {p}": gr.inpaint_image(holes, missing=torn, p=p) for p in (2, 1)}
 
 
 def draw(truth, fills):
-    """The torn picture, missing pixels in orange, beside the fills."""
+    """Draw the torn picture, with missing pixels in orange, and the fills."""
     figure = Figure(figsize=(14, 5.2), layout="constrained")
     for axes, (title, image) in zip(figure.subplots(1, 1 + len(fills)), {"torn": truth, **fills}.items(), strict=True):
         axes.imshow(image, cmap="gray", vmin=truth.min(), vmax=truth.max())
