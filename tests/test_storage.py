@@ -6,7 +6,8 @@ import cases
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from test_backends import PatchCase, nan, oracle
+from primitives import nan
+from problems import PatchCase, oracle
 
 import gpureg as gr
 from gpureg import backends

@@ -11,7 +11,8 @@ import bounds
 import cases
 import numpy as np
 import pytest
-from test_backends import PatchCase, assert_within, nan, oracle
+from primitives import assert_within, nan
+from problems import PatchCase, oracle
 
 from gpureg import backends
 from gpureg.backends import Smoothness
