@@ -1,7 +1,8 @@
 """Backends whose arrays lie between guard values, so that a write outside of one is found.
 
-All that is not written yet, and the guards, are filled with the byte 0xff: NaN as a number, -1 as an integer. So a read
-outside of an array, or of what nothing wrote, shows in the values.
+All that is not written yet, and the guards, are NaN as a number, and negative as an integer. So a read outside of an
+array, or of what nothing wrote, shows in the values. The NaN is a signalling one, which arithmetic makes a quiet one:
+what is computed from a guard and written to another one is found.
 """
 
 from __future__ import annotations
@@ -17,13 +18,21 @@ import numpy as np
 
 # Bytes of a guard; more on a device whose buffers begin at multiples of more.
 GUARD = 512
-FILL = 0xFF
+# Signalling NaN by the bytes of a number.
+FILL = {4: np.uint32(0xFFA5A5A5), 8: np.uint64(0xFFF5A5A5A5A5A5A5)}
+
+
+def _filled(nbytes: int, itemsize: int) -> Any:
+    """So many bytes and a few more, of NaN."""
+    return np.full(-(-nbytes // itemsize), FILL[itemsize]).view(np.uint8)
 
 
 class Guarded:
     """What the three kinds have in common: the guards that are to be looked at."""
 
-    frames: list[Callable[[], tuple[Any, Any]]]
+    dtype: Any
+    # of each array: gives the bytes before and behind it, and how many lie between
+    frames: list[Callable[[], tuple[Any, Any, int]]]
 
     def framing(self) -> Any:
         """A context in which arrays that the backend makes by itself lie between guards too."""
@@ -33,9 +42,11 @@ class Guarded:
         """AssertionError if a guard of any array made since the last call was written; forgets these arrays."""
         frames, self.frames[:] = list(self.frames), []
         for frame in frames:
-            for side, guard in zip(("before", "behind"), frame(), strict=True):
-                written = np.flatnonzero(np.asarray(guard) != FILL)
-                assert not len(written), f"{len(written)} bytes written outside of an array, {side} it"
+            before, behind, gap = frame()
+            whole = _filled(len(before) + gap + len(behind), self.dtype.itemsize)
+            for side, found, begin in (("before", before, 0), ("behind", behind, len(before) + gap)):
+                written = np.count_nonzero(found != whole[begin : begin + len(found)])
+                assert not written, f"{written} bytes written outside of an array, {side} it"
 
 
 class _OpenCL(Guarded):
@@ -44,14 +55,15 @@ class _OpenCL(Guarded):
 
         shared = self._shared
         size, guard = max(nbytes, self.dtype.itemsize), max(GUARD, self.device.handle.mem_base_addr_align // 8)
-        whole = cl.Buffer(shared.context, cl.mem_flags.READ_WRITE, size + 2 * guard)
-        cl.enqueue_fill_buffer(shared.queue, whole, np.uint8(FILL), 0, size + 2 * guard)
+        fill, total = FILL[self.dtype.itemsize], -(-(size + 2 * guard) // 8) * 8
+        whole = cl.Buffer(shared.context, cl.mem_flags.READ_WRITE, total)
+        cl.enqueue_fill_buffer(shared.queue, whole, fill, 0, total)
 
-        def frame() -> tuple[Any, Any]:
+        def frame() -> tuple[Any, Any, int]:
             sides = np.empty((2, guard), np.uint8)
             for side, begin in zip(sides, (0, guard + size), strict=True):
                 cl.enqueue_copy(shared.queue, side, whole, src_offset=begin, is_blocking=True)
-            return sides[0], sides[1]
+            return sides[0], sides[1], size
 
         self.frames.append(frame)
         return whole.get_sub_region(guard, size)
@@ -60,10 +72,10 @@ class _OpenCL(Guarded):
 class _Numpy(Guarded):
     def _framed(self: Any, values: Any) -> Any:
         nbytes = values.nbytes
-        whole = np.full(nbytes + 2 * GUARD, FILL, np.uint8)
+        whole = _filled(nbytes + 2 * GUARD, self.dtype.itemsize)
         inner = whole[GUARD : GUARD + nbytes].view(values.dtype).reshape(values.shape)
         inner[...] = values
-        self.frames.append(lambda: (whole[:GUARD], whole[GUARD + nbytes :]))
+        self.frames.append(lambda: (whole[:GUARD], whole[GUARD + nbytes :], nbytes))
         return inner
 
     def put(self: Any, graph: Any, f: Any) -> Any:
@@ -84,13 +96,13 @@ class _Warp(Guarded):
         import warp as wp
 
         nbytes = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
-        whole = wp.array(np.full(nbytes + 2 * GUARD, FILL, np.uint8), dtype=wp.uint8, device=self._on)
+        whole = wp.array(_filled(nbytes + 2 * GUARD, self.dtype.itemsize), dtype=wp.uint8, device=self._on)
         inner = wp.array(ptr=whole.ptr + GUARD, dtype=dtype, shape=tuple(shape), device=self._on)
         inner.whole = whole  # lives as long
 
-        def frame() -> tuple[Any, Any]:
+        def frame() -> tuple[Any, Any, int]:
             host = whole.numpy()
-            return host[:GUARD], host[GUARD + nbytes :]
+            return host[:GUARD], host[GUARD + nbytes :], nbytes
 
         self.frames.append(frame)
         return inner

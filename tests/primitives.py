@@ -201,8 +201,9 @@ class On:
     def output(self, row: Primitive, channels: int) -> Any:
         """An output full of NaN."""
         if row.result == EDGES:
-            full = np.full((len(self.problem.rows), channels), np.nan)
-            return self.backend.put_edges(self.graph, self.problem.host(full))
+            # NaN where there is no edge, too
+            host = self.problem.host(np.zeros((len(self.problem.rows), channels)))
+            return self.backend.put_edges(self.graph, np.full_like(host, np.nan))
         return nan(self.backend, self.graph, channels)
 
     def get(self, kind: str, x: Any) -> Any:
