@@ -10,12 +10,11 @@ import duality
 import numpy as np
 import paper
 import pytest
+from literal import CHANNELS, Form, assert_close, both_forms
 from numpy.testing import assert_array_equal
-from test_paper import CHANNELS, Form, assert_close, both_forms, literal, oracle  # noqa: F401, a fixture
 
 from gpureg.backends import Smoothness
 from gpureg.graphs.csr import Graph
-from gpureg.graphs.grid import GridGraph
 
 P = (1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
 BETA, SIGMA = 0.375, 0.7
@@ -31,9 +30,6 @@ class Setting:
     def __init__(self, backend, name, channels, coupled, directed):
         form = Form(backend, name, directed)
         case = form.case
-        if not directed and not isinstance(case.graph, GridGraph):
-            # stored edges of weight 0 are edges for d_w, with gamma = 0
-            form.gamma = {e: form.gamma.get(e, 0.0) for e in form.edges}
         self.form, self.graph, self.weighted = form, case.graph, form.weighted
         self.V, self.E, self.gamma = case.V, form.E, form.gamma
         self.coupled, self.channels = coupled, channels
@@ -82,7 +78,7 @@ class Setting:
 
 
 @pytest.fixture
-def setting(oracle, name, channels, coupled, directed):  # noqa: F811
+def setting(oracle, name, channels, coupled, directed):
     return Setting(oracle, name, channels, coupled, directed)
 
 
@@ -92,7 +88,7 @@ def setting(oracle, name, channels, coupled, directed):  # noqa: F811
 @some_graphs
 @channel_kinds
 @pytest.mark.parametrize("directed", [False])
-def test_dot_and_combine(oracle, setting):  # noqa: F811
+def test_dot_and_combine(oracle, setting):
     """`over` a number, a column, one value a channel; infinite ones; the output in the place of either input."""
     s = setting
     x, y, xs, ys = s.f, s.f0, s.functions(s.f), s.functions(s.f0)
@@ -121,7 +117,7 @@ def test_dot_and_combine(oracle, setting):  # noqa: F811
 @both_forms
 @some_graphs
 @channel_kinds
-def test_gradient(oracle, setting, edge_norm):  # noqa: F811
+def test_gradient(oracle, setting, edge_norm):
     s = setting
     fs, f0s = s.functions(s.f), s.functions(s.f0)
     for p, eps in [*itertools.product(P, [cases.EPS]), (2.0, 0.0), (3.0, 0.0)]:
@@ -145,7 +141,7 @@ def test_gradient(oracle, setting, edge_norm):  # noqa: F811
 @both_forms
 @channel_kinds
 @pytest.mark.parametrize("name", ["small row", "small csr"])
-def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm):  # noqa: F811
+def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm):
     """By central differences.
 
     With eps = 1/4 and steps of h = 1e-3 the five-point formula is off by h^4/30 times a fifth derivative of the order
@@ -181,7 +177,7 @@ def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm):  # noqa: F8
 @both_forms
 @some_graphs
 @channel_kinds
-def test_dual_step(oracle, setting, edge_norm):  # noqa: F811
+def test_dual_step(oracle, setting, edge_norm):
     """Against the equation of the prox solved by halving; lengths from 0 over the unit ball's to several times that.
 
     For p = 1 the house's limit of share (1 - 32 u) is within the tolerance.
@@ -208,7 +204,7 @@ def test_dual_step(oracle, setting, edge_norm):  # noqa: F811
 @channel_kinds
 @pytest.mark.parametrize("directed", [False])
 @pytest.mark.parametrize("name", ["small csr"])
-def test_dual_step_minimises(oracle, setting, edge_norm):  # noqa: F811
+def test_dual_step_minimises(oracle, setting, edge_norm):
     """The minimiser x of an objective J that is 1-strongly convex has J(x') - J(x) >= |x' - x|^2/2 for every x'."""
     s, share = setting, 0.5 if edge_norm else 1.0
     for p, eps in itertools.product(P, (0.0, 0.25)):
@@ -235,7 +231,7 @@ def test_dual_step_minimises(oracle, setting, edge_norm):  # noqa: F811
 @both_forms
 @some_graphs
 @channel_kinds
-def test_primal(oracle, setting):  # noqa: F811
+def test_primal(oracle, setting):
     """Against loops, and against what it is: the minimiser of <d_w f, y> + lam/2 |f - f0|^2 over f."""
     s = setting
     for lam in s.lams:
@@ -264,7 +260,7 @@ def test_primal(oracle, setting):  # noqa: F811
 @both_forms
 @some_graphs
 @channel_kinds
-def test_duality_gap(oracle, setting, edge_norm):  # noqa: F811
+def test_duality_gap(oracle, setting, edge_norm):
     """Never below 0, and the energy minus the dual energy, each taken by itself."""
     s, share = setting, 0.5 if edge_norm else 1.0
     for p, eps in itertools.product(P, (0.0, 0.125)):
@@ -316,7 +312,7 @@ OPTIMA = {
 
 @pytest.mark.parametrize("p", P)
 @pytest.mark.parametrize("optimum", OPTIMA)
-def test_the_gap_is_0_at_an_optimum(oracle, optimum, p):  # noqa: F811
+def test_the_gap_is_0_at_an_optimum(oracle, optimum, p):
     """With eps = 0 and y = |grad_w f|^(p - 2) d_w f, which is unique as no gradient vanishes.
 
     Found by halving to 2^-64 of an interval. Tolerances: a few dozen roundings of numbers of the energy's size; for
