@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cases
 import numpy as np
-from primitives import Call, On
+from primitives import Call
 from problems import Problem, oracle, rounded
+
+if TYPE_CHECKING:
+    from checking import On
 
 BETA, SIGMA = 0.375, 0.75
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cases
 import numpy as np
-from primitives import Call, On, assert_within
+from primitives import Call, assert_within
 from problems import PatchProblem, Problem, oracle
 
 from gpureg.graphs.csr import Graph
 from gpureg.graphs.grid import GridGraph
+
+if TYPE_CHECKING:
+    from checking import On
 
 
 def patch_distance(one: PatchProblem) -> Iterator[Call]:

@@ -9,8 +9,9 @@ import cases
 import numpy as np
 import pytest
 import rows  # noqa: F401, fills ROWS
+from checking import as_gpu, check
 from numpy.testing import assert_allclose
-from primitives import ROWS, as_gpu, check
+from primitives import ROWS
 from problems import Kind, PatchCase, oracle, problem
 
 from gpureg import backends

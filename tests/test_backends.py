@@ -11,9 +11,10 @@ import cases
 import numpy as np
 import pytest
 import rows  # noqa: F401, fills ROWS
+from checking import check, nan, on
 from conftest import device_params
 from numpy.testing import assert_array_equal
-from primitives import ROWS, assert_within, check, nan, on
+from primitives import ROWS, assert_within
 from problems import DTYPES, Kind, oracle, problem
 
 from gpureg import backends

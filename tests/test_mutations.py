@@ -9,9 +9,10 @@ import mutations
 import numpy as np
 import pytest
 import rows  # noqa: F401, fills ROWS
+from checking import check
 from guards import guarded
 from mutations import Mutation
-from primitives import ROWS, assert_within, check
+from primitives import ROWS, assert_within
 from problems import CLASSES, Kind, PatchCase, PatchKind
 from test_primitives import PAIRS
 

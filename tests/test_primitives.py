@@ -9,7 +9,8 @@ from __future__ import annotations
 import cases
 import pytest
 import rows  # noqa: F401, fills ROWS
-from primitives import ROWS, check, on
+from checking import check, on
+from primitives import ROWS
 from problems import CLASSES, GENERAL, HOT, Kind, PatchCase, PatchKind
 
 # All variants of the vertex norm with gamma = sqrt(w).

@@ -9,8 +9,9 @@ import cases
 import numpy as np
 import pytest
 import rows  # noqa: F401, fills ROWS
+from checking import as_gpu, check
 from numpy.testing import assert_array_equal
-from primitives import ROWS, as_gpu, assert_within, check
+from primitives import ROWS, assert_within
 from problems import PatchCase, PatchKind
 
 from gpureg import backends

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cases
 import numpy as np
 import pytest
+from checking import nan
 from numpy.testing import assert_array_equal
-from primitives import nan
 from problems import PatchCase, oracle
 
 import gpureg as gr

@@ -11,7 +11,8 @@ import bounds
 import cases
 import numpy as np
 import pytest
-from primitives import assert_within, nan
+from checking import nan
+from primitives import assert_within
 from problems import PatchCase, oracle
 
 from gpureg import backends
