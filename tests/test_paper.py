@@ -15,10 +15,10 @@ from gpureg.backends import PatchForm, Smoothness
 from gpureg.graphs.csr import Graph
 
 
-def test_the_small_graphs_are_small_and_have_edges():
-    for name in cases.SMALL:
-        assert literal(name).graph.n_vertices < 30
-        assert literal(name).graph.n_edges > 0 or name in ("pixel", "csr, one vertex")
+@small_graphs
+def test_the_small_graphs_are_small_and_have_edges(name):
+    assert literal(name).graph.n_vertices < 30
+    assert literal(name).graph.n_edges > 0 or name in ("pixel", "csr, one vertex")
 
 
 @small_graphs
@@ -140,17 +140,17 @@ def test_both_norms_and_processes(oracle, form, channels, coupled, p):
 
 
 @small_graphs
-def test_one_lam_for_all_vertices(oracle, name):
+@pytest.mark.parametrize("lam", [0.0, 0.75, math.inf])
+def test_one_lam_for_all_vertices(oracle, name, lam):
     case = literal(name)
     weighted = case.weighted(oracle, name)
     f, f0 = cases.function(case.graph), cases.function(case.graph, seed=13)
-    for lam in (0.0, 0.75, math.inf):
-        lams = dict.fromkeys(case.V, lam)
-        fs, f0s = case.functions(f), case.functions(f0)
-        expected = paper.jacobi_step(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
-        assert_close(oracle.jacobi_step(weighted, f, f0, None, lam), case.array(expected))
-        energy = paper.energy(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
-        assert_close(oracle.energy(weighted, f, f0, lam, Smoothness(2, cases.EPS)), energy)
+    lams = dict.fromkeys(case.V, lam)
+    fs, f0s = case.functions(f), case.functions(f0)
+    expected = paper.jacobi_step(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
+    assert_close(oracle.jacobi_step(weighted, f, f0, None, lam), case.array(expected))
+    energy = paper.energy(case.V, case.E, case.gamma, fs, f0s, lams, 2, cases.EPS, True)
+    assert_close(oracle.energy(weighted, f, f0, lam, Smoothness(2, cases.EPS)), energy)
 
 
 def test_a_vertex_that_nothing_reaches_keeps_its_data(oracle):
