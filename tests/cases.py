@@ -117,6 +117,9 @@ GRAPHS: dict[str, GraphCase] = {
     "narrow": GraphCase(lambda: GridGraph((61, 3), 4, "chebyshev")),
     "row": GraphCase(lambda: GridGraph(301, 3), weighted=True),
     "volume": GraphCase(lambda: GridGraph((7, 9, 19), 2, "cityblock"), weighted=True),
+    # Wide enough for Warp's packs within a row, which two axes have above.
+    "packs": GraphCase(lambda: GridGraph((3, 4, 75), 2, "cityblock"), weighted=True),
+    "packs, unit weights": GraphCase(lambda: GridGraph((3, 4, 75), 2, "cityblock")),
     "four axes": GraphCase(lambda: GridGraph((3, 4, 5, 7), 1, "chebyshev")),
     "csr": GraphCase(lambda: irregular(613, 2400, isolated=311)),
     "csr, one vertex": GraphCase(lambda: Graph([0, 0], [])),

@@ -32,8 +32,9 @@ def patches(check, *args):
     return lambda oracle: getattr(test_paper_patches, check)(oracle, *args)
 
 
-P_LAPLACIAN = paper("test_p_laplacian_energy_and_step", 1, True, 1.5)
-BOTH = form("test_both_norms_and_processes", 1, True, 1.5)
+P_LAPLACIAN = paper("test_p_laplacian_and_energy", 1, True, 1.5)
+SWEEP = paper("test_sweep", 1, True, 1.5, 0.625)
+BOTH = form("test_both_norms_and_processes", 1, True, 1.5, False)
 EDGES = form("test_difference_and_adjoint", 1)
 
 MUTATIONS = [
@@ -45,11 +46,11 @@ MUTATIONS = [
         paper("test_local_variation", 1, True),
     ),
     (Mutation("p_laplacian", "_p_laplacian", "0 - self._flow", "0 + self._flow"), P_LAPLACIAN),
-    (Mutation("jacobi_step", "_jacobi_step", "(moved - f)", "(f - moved)"), P_LAPLACIAN),
-    (Mutation("jacobi_step", "edges:conductance_of", "u[1] + v[1]", "u[1] + u[1]"), P_LAPLACIAN),
+    (Mutation("jacobi_step", "_jacobi_step", "(moved - f)", "(f - moved)"), SWEEP),
+    (Mutation("jacobi_step", "primitives:conductance_of", "u[1] + v[1]", "u[1] + u[1]"), SWEEP),
     (Mutation("euler_step", "_euler_step", "(f0 - f) +", "(f - f0) +"), BOTH),
     (Mutation("energy", "energy", "p / 2).sum() / p", "p / 2).sum()"), P_LAPLACIAN),
-    (Mutation("sweep", "sweep", "theta=theta", "theta=1.0"), P_LAPLACIAN),
+    (Mutation("sweep", "sweep", "theta=theta", "theta=1.0"), SWEEP),
     (Mutation("dot", "dot", "products / np.asarray(over, np.float64)", "products"), dual("test_dot", "number")),
     (Mutation("combine", "_combine", "+ self.real(b)", "- self.real(b)"), dual("test_combine", "number", None)),
     (Mutation("gradient", "_gradient", "pull - self", "pull + self"), dual("test_gradient", False, 1.5, 0.125)),
@@ -80,11 +81,11 @@ MUTATIONS = [
     ),
     (
         Mutation("patch_distance", "_similarity", "np.maximum(kept, 0) * form.scale", "np.maximum(kept, 0)"),
-        patches("test_patch_distance_and_w2", "small grid", 1, 1, None),
+        patches("test_patch_distance_and_w2", "small grid", 1, 1, None, True),
     ),
     (
         Mutation("patch_distance", "_patch_distance", "zip(profile, slabs", "zip(profile**2, slabs"),
-        patches("test_patch_distance_and_w2", "small grid", 1, 2, 0.75),
+        patches("test_patch_distance_and_w2", "small grid", 1, 2, 0.75, False),
     ),
     (
         Mutation("similarity_step", "similarity_step", "f if guide is None else guide", "f"),

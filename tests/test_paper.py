@@ -42,8 +42,8 @@ def test_local_variation(oracle, name, channels, coupled):
 @pytest.mark.parametrize("p", cases.P_ALL)
 @small_graphs
 @channel_kinds
-def test_p_laplacian_energy_and_step(oracle, name, channels, coupled, p):
-    """Eq. 12, 19, 20 and 25, with lam per vertex: some without data, some pinned."""
+def test_p_laplacian_and_energy(oracle, name, channels, coupled, p):
+    """Eq. 12, 19 and 20, with lam per vertex: some without data, some pinned."""
     case = literal(name)
     weighted = case.weighted(oracle, name)
     f, f0 = cases.function(case.graph, channels), cases.function(case.graph, channels, seed=13)
@@ -64,13 +64,23 @@ def test_p_laplacian_energy_and_step(oracle, name, channels, coupled, p):
     actual = oracle.energy(weighted, f, f0, lam, Smoothness(p, cases.EPS, coupled))
     assert_close(actual, energy)
 
-    for theta in (1.0, 0.625):
-        stepped = paper.jacobi_step(case.V, case.E, case.gamma, fs, f0s, lams, p, cases.EPS, coupled, theta)
-        assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=theta), case.array(stepped))
-        swept = oracle.sweep(
-            weighted, f, f0, lam, Smoothness(p, cases.EPS, coupled), theta=theta, g=None, out=np.full_like(f, np.nan)
-        )
-        assert_close(swept, case.array(stepped))
+
+@pytest.mark.parametrize("theta", [1.0, 0.625])
+@pytest.mark.parametrize("p", cases.P_ALL)
+@small_graphs
+@channel_kinds
+def test_sweep(oracle, name, channels, coupled, p, theta):
+    """Eq. 25 and 31, with lam per vertex, from the conductances and with them."""
+    case = literal(name)
+    weighted, model = case.weighted(oracle, name), Smoothness(p, cases.EPS, coupled)
+    f, f0 = cases.function(case.graph, channels), cases.function(case.graph, channels, seed=13)
+    lam = cases.fidelity(case.graph)
+    fs, f0s, (lams,) = case.functions(f), case.functions(f0), case.functions(lam)
+    expected = case.array(paper.jacobi_step(case.V, case.E, case.gamma, fs, f0s, lams, p, cases.EPS, coupled, theta))
+    g = oracle.conductances(weighted, f, model)
+    assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=theta), expected)
+    swept = oracle.sweep(weighted, f, f0, lam, model, theta=theta, g=None, out=np.full_like(f, np.nan))
+    assert_close(swept, expected)
 
 
 @pytest.fixture
@@ -102,8 +112,23 @@ def test_difference_and_adjoint(oracle, form, channels):
 @both_forms
 @small_graphs
 @channel_kinds
-def test_both_norms_and_processes(oracle, form, channels, coupled, p):
-    """Eq. 10, 12, 20, 24, 25 and 30, for gamma = sqrt(w) and for gamma as an array."""
+def test_lp_norm(oracle, form, channels, coupled, p):
+    """Eq. 10, for gamma = sqrt(w) and for gamma as an array."""
+    case = form.case
+    f = cases.function(case.graph, channels)
+    on_edges = paper.edge_norms(form.E, form.gamma, case.functions(f), 0.0, coupled)
+    expected = [{u: paper.lp_norm(form.E, norm, u, p) for u in case.V} for norm in on_edges]
+    actual = oracle.gradient_norm(form.weighted, f, power=1 / p, eps=0.0, coupled=coupled, edge_power=p / 2)
+    assert_close(actual, case.array(expected[:1] if coupled else expected))
+
+
+@pytest.mark.parametrize("edge", [False, True], ids=["vertex", "edge"])
+@pytest.mark.parametrize("p", (0.5, 1.0, 1.5, 2.0, 3.0))
+@both_forms
+@small_graphs
+@channel_kinds
+def test_both_norms_and_processes(oracle, form, channels, coupled, p, edge):
+    """Eq. 12, 20, 24, 25 and 30, for gamma = sqrt(w) and for gamma as an array."""
     case, E, gamma, weighted = form.case, form.E, form.gamma, form.weighted
     f, f0 = cases.function(case.graph, channels), cases.function(case.graph, channels, seed=13)
     lam, tau = cases.fidelity(case.graph), 0.25 + cases.rng(3).random((case.graph.n_vertices, 1))
@@ -112,31 +137,24 @@ def test_both_norms_and_processes(oracle, form, channels, coupled, p):
     eps = cases.EPS
 
     norms = paper.norms(case.V, E, gamma, fs, eps, coupled)
-    on_edges = paper.edge_norms(E, gamma, fs, 0.0, coupled)
-    expected = [{u: paper.lp_norm(E, norm, u, p) for u in case.V} for norm in on_edges]
-    actual = oracle.gradient_norm(weighted, f, power=1 / p, eps=0.0, coupled=coupled, edge_power=p / 2)
-    assert_close(actual, case.array(expected[:1] if coupled else expected))
-
-    for edge in (False, True):
-        model = Smoothness(p, eps, coupled, edge)
-        g = oracle.conductances(weighted, f, model)
-        if edge:
-            slopes = [
-                {u: paper.edge_p_laplace(E, gamma, one, u, p, norm) for u in case.V}
-                for one, norm in zip(fs, paper.edge_norms(E, gamma, fs, eps, coupled), strict=True)
-            ]
-        else:
-            slopes = [
-                {u: paper.p_laplace(E, gamma, one, u, p, norm) for u in case.V}
-                for one, norm in zip(fs, norms, strict=True)
-            ]
-        assert_close(oracle.p_laplacian(weighted, f, g), case.array(slopes))
-        energy = paper.energy(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, edge)
-        assert_close(oracle.energy(weighted, f, f0, lam, model), energy)
-        stepped = paper.jacobi_step(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, 0.625, edge)
-        assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=0.625), case.array(stepped))
-        stepped = paper.euler_step(case.V, E, gamma, fs, f0s, lams, taus, p, eps, coupled, edge)
-        assert_close(oracle.euler_step(weighted, f, f0, g, lam, tau), case.array(stepped))
+    model = Smoothness(p, eps, coupled, edge)
+    g = oracle.conductances(weighted, f, model)
+    if edge:
+        slopes = [
+            {u: paper.edge_p_laplace(E, gamma, one, u, p, norm) for u in case.V}
+            for one, norm in zip(fs, paper.edge_norms(E, gamma, fs, eps, coupled), strict=True)
+        ]
+    else:
+        slopes = [
+            {u: paper.p_laplace(E, gamma, one, u, p, norm) for u in case.V} for one, norm in zip(fs, norms, strict=True)
+        ]
+    assert_close(oracle.p_laplacian(weighted, f, g), case.array(slopes))
+    energy = paper.energy(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, edge)
+    assert_close(oracle.energy(weighted, f, f0, lam, model), energy)
+    stepped = paper.jacobi_step(case.V, E, gamma, fs, f0s, lams, p, eps, coupled, 0.625, edge)
+    assert_close(oracle.jacobi_step(weighted, f, f0, g, lam, theta=0.625), case.array(stepped))
+    stepped = paper.euler_step(case.V, E, gamma, fs, f0s, lams, taus, p, eps, coupled, edge)
+    assert_close(oracle.euler_step(weighted, f, f0, g, lam, tau), case.array(stepped))
 
 
 @small_graphs

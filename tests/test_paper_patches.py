@@ -38,7 +38,8 @@ def literal_patch(radius, a, ndim):
 @pytest.mark.parametrize(("radius", "a"), PATCHES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("name", ["small grid", "small masked", "small row", "small volume"])
-def test_patch_distance_and_w2(oracle, name, channels, radius, a):
+@pytest.mark.parametrize("similar", [False, True], ids=["rho", "w2"])
+def test_patch_distance_and_w2(oracle, name, channels, radius, a, similar):
     """rho_a and w_2 of section 5.2 on grids of one to three axes, patches filled by reflection."""
     case, grid = literal(name), cases.graph(name)
     if radius == 4 and grid.ndim == 3:
@@ -46,17 +47,15 @@ def test_patch_distance_and_w2(oracle, name, channels, radius, a):
     f0 = cases.function(grid, channels)
     f0s, g = case.functions(f0), literal_patch(radius, a, grid.ndim)
     h = 0.5 * math.sqrt(len(g)) if a is None else 0.5
-    raw = oracle.get_weights(oracle.patch_distance(grid, f0, PatchForm(profile_of(radius, a))))
-    similar = oracle.get_weights(oracle.patch_distance(grid, f0, PatchForm(profile_of(radius, a), scale=1 / h**2)))
-    for expected, actual in (
-        ({edge: paper.rho(*edge, f0s, grid.shape, g) for edge in case.E}, raw),
-        ({edge: paper.w2(*edge, f0s, grid.shape, g, h) for edge in case.E}, similar),
-    ):
-        half = np.zeros((grid.half_window, *grid.shape))
-        for plane, step in zip(half, grid.forward_offsets.tolist(), strict=True):
-            for u in case.V:
-                plane[u] = expected.get((u, tuple(a + b for a, b in zip(u, step, strict=True))), 0)
-        assert_close(actual, half)
+    form = PatchForm(profile_of(radius, a), scale=1 / h**2 if similar else None)
+    half = np.zeros((grid.half_window, *grid.shape))
+    for plane, step in zip(half, grid.forward_offsets.tolist(), strict=True):
+        for u in case.V:
+            v = tuple(a + b for a, b in zip(u, step, strict=True))
+            if (u, v) in case.E:
+                given = (u, v, f0s, grid.shape, g)
+                plane[u] = paper.w2(*given, h) if similar else paper.rho(*given)
+    assert_close(oracle.get_weights(oracle.patch_distance(grid, f0, form)), half)
 
 
 def test_the_same_patches_on_a_stored_graph(oracle):
