@@ -159,16 +159,17 @@ def check_call(device: On, row: Primitive, call: Call) -> None:
 
 def check(backend: Any, row: Primitive, problem: Any, *, first: bool = False) -> None:
     """Every call of a primitive on a problem, and the guards; all that failed is told, or with `first` that alone."""
-    device, failed, count = On(backend, problem), [], 0
+    device, failed, seen = On(backend, problem), [], set()
     for call in row.calls(problem):
-        count += 1
+        assert call.what not in seen, f"two calls of {row.name} are {call.what!r}"  # the oracle's results go by it
+        seen.add(call.what)
         try:
             check_call(device, row, call)
         except AssertionError as error:
             failed.append(str(error))
             if first:
                 break
-    assert count, f"{row.name} is not called"
+    assert seen, f"{row.name} is not called"
     try:
         device.backend.check_guards()
     except AssertionError as error:
