@@ -53,7 +53,8 @@ def gradient_norm(one: Problem) -> Iterator[Call]:
     G = 1 if one.coupled else one.channels
     settings = {"f": one.f, "coupled": one.coupled}
     if one.plain:
-        for power in (1.0, 0.5, *(p / 2 for p in cases.P_ALL), *((p - 2) / 2 for p in cases.P_ALL)):
+        powers = (1.0, 0.5, *(p / 2 for p in cases.P_ALL), *((p - 2) / 2 for p in cases.P_ALL))
+        for power in dict.fromkeys(powers):
             yield Call(
                 f"power {power}",
                 {**settings, "power": power, "eps": cases.EPS},
