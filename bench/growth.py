@@ -12,8 +12,8 @@ import gpureg as gr
 from gpureg import backends
 
 from .filters import OPENCV_NLM, SKIMAGE_NLM, nlm_operations, one_step
-from .iterations import NUMPY64, PRODUCT, Sweeps, first_iteration, grid_traffic, operations, scipy_product, unit_picture
-from .model import DEVICE, HOST, TOLERANCE, Bar, Case, Entry, Image, Setup, apart, missing, peer, skipped
+from .iterations import NUMPY64, PRODUCT, Sweeps, first_iteration, operations, scipy_product, unit_picture
+from .model import DEVICE, HOST, TOLERANCE, Bar, Case, Entry, Image, Setup, apart, missing, peer, skipped, traffic
 
 GROWN = "its smallest size, per pixel"
 # Side of the corners that are compared where the whole is too much for numpy in float64.
@@ -62,7 +62,7 @@ def sweep_growth(setup: Setup) -> Iterator[Case]:
         grid = gr.GridGraph((side, side), 1)
         picture = f0.reshape(grid.shape)
         # the two passes' arrays, and as much again while they are packed and uploaded
-        need = 2.0 * grid_traffic(grid)
+        need = 2.0 * traffic("sweep", grid)
         n_edges = 8 * grid.n_vertices
 
         def exact(crop: Image) -> Image:
@@ -91,7 +91,7 @@ def sweep_growth(setup: Setup) -> Iterator[Case]:
                 return corners_agree(lambda: sweeps.value().reshape(picture.shape), picture, 2, exact)
 
             count = operations(grid.n_vertices, n_edges)
-            entries.append(Entry(device, sweeps, sweeps.backend.finish, check, DEVICE, grid_traffic(grid), count))
+            entries.append(Entry(device, sweeps, sweeps.backend.finish, check, DEVICE, traffic("sweep", grid), count))
         yield Case(
             "growth-iteration",
             "one p = 1 iteration on a grid, 8 neighbours, bilateral weights, by size",

@@ -27,6 +27,7 @@ from .model import (
     data,
     shared,
     skipped,
+    traffic,
 )
 
 NUMPY64 = "numpy float64"
@@ -108,7 +109,7 @@ class Sweeps:
         """The current iterate, on the host."""
         return self.backend.get(self.graph, self.pair[0])
 
-    def entries(self, reference: Image, traffic: float, operations: float) -> list[Entry]:
+    def entries(self, reference: Image, moved: float, operations: float) -> list[Entry]:
         """The device part, and host to host."""
         device = self.backend.device.id
 
@@ -120,8 +121,8 @@ class Sweeps:
             return apart(self.host_to_host(), reference, TOLERANCE["float32"], NUMPY64)
 
         return [
-            Entry(device, self, self.backend.finish, agrees, DEVICE, traffic, operations),
-            Entry(device, self.host_to_host, lambda: None, transferred_agrees, HOST, traffic, operations),
+            Entry(device, self, self.backend.finish, agrees, DEVICE, moved, operations),
+            Entry(device, self.host_to_host, lambda: None, transferred_agrees, HOST, moved, operations),
         ]
 
 
@@ -135,16 +136,6 @@ def first_iteration(graph: Any, weights: Any, f0: Image) -> Image:
 def operations(vertices: int, edges: int) -> float:
     """Operations of one p = 1 iteration: 4 + 5 per directed edge, 12 per vertex; README.md lists them."""
     return 9.0 * edges + 12.0 * vertices
-
-
-def grid_traffic(grid: gr.GridGraph) -> float:
-    """Bytes of one p = 1 iteration on a grid whose weights are stored once per pair: gradient norm, then update."""
-    return 4.0 * grid.n_vertices * ((2 + 4) + 2 * grid.half_window)
-
-
-def csr_traffic(graph: gr.Graph) -> float:
-    """Bytes of one p = 1 iteration on a stored graph; pointers count 4 bytes, whatever a device makes of them."""
-    return 4.0 * (6 * graph.n_vertices + 2 * (2 * graph.n_edges + graph.n_vertices))
 
 
 def scipy_product(graph: gr.Graph, f0: Image) -> Entry:
@@ -182,14 +173,14 @@ def iteration(setup: Setup) -> Iterator[Case]:
             Bar(PRODUCT, 5, "warp:cpu", DEVICE),
         ],
     }
-    for kind, layout, weights, traffic in (
-        ("grid", grid, w1, grid_traffic(grid)),
-        ("CSR", graph, None, csr_traffic(graph)),
+    for kind, layout, weights, moved in (
+        ("grid", grid, w1, traffic("sweep", grid)),
+        ("CSR", graph, None, traffic("sweep", graph)),
     ):
         product = scipy_product(graph, f0)
         entries = [product]
         for device in setup.devices:
-            entries += Sweeps(device, layout, weights, f0).entries(reference, traffic, count)
+            entries += Sweeps(device, layout, weights, f0).entries(reference, moved, count)
         assert product.bytes is not None
         yield Case(
             f"iteration-{kind.lower()}",
@@ -197,7 +188,7 @@ def iteration(setup: Setup) -> Iterator[Case]:
             entries,
             [
                 f"{name}; weights made and on the device before, in all rows",
-                f"bytes per vertex: {traffic / grid.n_vertices:.0f} in the two passes, "
+                f"bytes per vertex: {moved / grid.n_vertices:.0f} in the two passes, "
                 f"{product.bytes / grid.n_vertices:.0f} in scipy's product",
             ],
             bars[kind],
@@ -224,7 +215,7 @@ def window(setup: Setup) -> Iterator[Case]:
         entries = []
         for device in setup.devices:
             sweeps = Sweeps(device, grid, function, f0)
-            entries += sweeps.entries(reference, grid_traffic(grid), operations(grid.n_vertices, edges))
+            entries += sweeps.entries(reference, traffic("sweep", grid), operations(grid.n_vertices, edges))
         yield Case(
             f"window-{kind}",
             f"one p = 1 iteration, {side}x{side}, {width}x{width} window, weights {kind} (an iteration of Fig. 1)",
@@ -289,7 +280,7 @@ def irregular(setup: Setup) -> Iterator[Case]:
         count = operations(graph.n_vertices, graph.n_edges)
         entries = [scipy_product(graph, f0)]
         for device in setup.devices:
-            entries += Sweeps(device, graph, None, f0).entries(reference, csr_traffic(graph), count)
+            entries += Sweeps(device, graph, None, f0).entries(reference, traffic("sweep", graph), count)
         degree = np.diff(graph.indptr)
         yield Case(
             f"irregular-{name}",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 import sys
 from collections.abc import Callable
@@ -29,22 +28,33 @@ HOST, DEVICE = "in", "out"
 EXP = 16
 
 
-def _tests_cases() -> ModuleType:
-    """``tests/cases.py``, by its path: under pytest ``cases`` is it, elsewhere it could be anything."""
-    name = "_gpureg_tests_cases"
-    if name not in sys.modules:
-        path = Path(__file__).resolve().parents[1] / "tests" / "cases.py"
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None and spec.loader is not None
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
+def _of_tests(name: str) -> ModuleType:
+    """A module of the folder ``tests``, which is no package: under pytest it may be there already."""
+    folder = str(Path(__file__).resolve().parents[1] / "tests")
+    sys.path.insert(0, folder)
+    try:
+        found = importlib.import_module(name)
+    finally:
+        sys.path.remove(folder)
+    assert str(Path(found.__file__ or "").parent) == folder, f"{name} is {found.__file__}, not that of {folder}"
+    return found
 
 
-shared = _tests_cases()
+shared = _of_tests("cases")
+_primitives = _of_tests("rows").ROWS
 
 # Two correct implementations of a sweep may be so far apart, relative to the largest value: derived in tests/cases.py.
 TOLERANCE: dict[str, float] = shared.TOLERANCES
+
+
+def traffic(primitive: str, graph: Any, **sizes: Any) -> float:
+    """Bytes that one call must move at least, each array once: those of tests/primitives.py, of the whole graph.
+
+    `sizes` are channels, norms, and the names of arguments that are arrays where they may be numbers.
+    """
+    stored = not hasattr(graph, "half_window")
+    neighbours = graph.n_edges / graph.n_vertices if stored else 2 * graph.half_window
+    return float(graph.n_vertices * sum(_primitives[primitive].traffic(neighbours, stored=stored, **sizes)))
 
 
 @dataclass

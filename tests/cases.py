@@ -36,7 +36,7 @@ UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
 #   A sweep is a quotient of two sums of D products with two conductances: 2 (288 + 80) + 13 = 749 u.
 #   Two implementations may be off in opposite directions: 1498 u, which is 9e-5 in float32 and 1.7e-13 in float64.
 # The float64 number is rounded up to what the project promises across devices, 1e-9, which is also what is left of it
-# after a few thousand sweeps. tests/test_backends.py holds single primitives to sharper bounds.
+# after a few thousand sweeps. tests/test_primitives.py holds single primitives to sharper bounds.
 TOLERANCES = {"float32": 1e-4, "float64": 1e-9}
 
 
@@ -117,6 +117,9 @@ GRAPHS: dict[str, GraphCase] = {
     "narrow": GraphCase(lambda: GridGraph((61, 3), 4, "chebyshev")),
     "row": GraphCase(lambda: GridGraph(301, 3), weighted=True),
     "volume": GraphCase(lambda: GridGraph((7, 9, 19), 2, "cityblock"), weighted=True),
+    # Wide enough for Warp's packs within a row, which two axes have above.
+    "packs": GraphCase(lambda: GridGraph((3, 4, 75), 2, "cityblock"), weighted=True),
+    "packs, unit weights": GraphCase(lambda: GridGraph((3, 4, 75), 2, "cityblock")),
     "four axes": GraphCase(lambda: GridGraph((3, 4, 5, 7), 1, "chebyshev")),
     "csr": GraphCase(lambda: irregular(613, 2400, isolated=311)),
     "csr, one vertex": GraphCase(lambda: Graph([0, 0], [])),

@@ -62,6 +62,12 @@ def device(request: pytest.FixtureRequest) -> str:
     pytest.skip(f"{name}: {reason}")
 
 
+@pytest.fixture(scope="session")
+def oracle() -> backends.Backend:
+    """numpy in float64, which tests/paper.py holds to the equations."""
+    return backends.get("numpy", "float64")
+
+
 @pytest.fixture(autouse=True)
 def _no_settings_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("GPUREG_BACKEND", raising=False)

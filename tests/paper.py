@@ -44,6 +44,11 @@ def gamma_normalized(E: set[Edge], w: dict[Edge, float]) -> dict[Edge, float]:
     return {(u, v): math.sqrt(w[u, v] / (2 * degree(E, w, u))) if w[u, v] else 0.0 for (u, v) in E}
 
 
+def gamma_degree(E: set[Edge], w: dict[Edge, float]) -> dict[Edge, float]:
+    """gamma(u, v) = sqrt(w/delta_w(u)), whose gradient norm is a mean over the neighbours."""
+    return {(u, v): math.sqrt(w[u, v] / degree(E, w, u)) if w[u, v] else 0.0 for (u, v) in E}
+
+
 def difference(gamma: dict[Edge, float], f: Function, u: Vertex, v: Vertex) -> float:
     """d_w(f)(u, v) (eq. 4)."""
     return gamma[v, u] * f[v] - gamma[u, v] * f[u]
@@ -361,54 +366,3 @@ def w2(
 ) -> float:
     """The weight of nonlocal means (section 5.2)."""
     return math.exp(-rho(u, v, f0s, shape, g) / h**2)
-
-
-def pseudo_metric(E: set[Edge], f: list[Function], s: Vertex, V: Iterable[Vertex]) -> dict[Vertex, tuple[float, int]]:
-    """mu(s, u) (section 5.2), and the fewest edges of a path that has it, for all u that s has a path to.
-
-    Exact for functions of small integers and one channel, whose sums are.
-    """
-    best: dict[Vertex, tuple[float, int]] = {s: (0.0, 0)}
-    for _ in list(V):  # a best path visits no vertex twice
-        for u, v in E:
-            if u in best:
-                step = math.sqrt(sum((c[v] - c[u]) ** 2 for c in f))
-                offer = (best[u][0] + step, best[u][1] + 1)
-                if v not in best or offer < best[v]:
-                    best[v] = offer
-    return best
-
-
-def influence_zones(
-    V: Iterable[Vertex], E: set[Edge], f: list[Function], sources: dict[int, list[Vertex]]
-) -> dict[Vertex, tuple[float, int, int]]:
-    """mu_S(u), the edges of its path and the number i of its source, Z_mu(s_i, S, V) (section 5.2), where there is one.
-
-    Of sources at the same mu the one with the fewest edges to it, then the smallest i.
-    """
-    zones: dict[Vertex, tuple[float, int, int]] = {}
-    for i, members in sources.items():
-        for s in members:
-            for u, (mu, edges) in pseudo_metric(E, f, s, V).items():
-                if u not in zones or (mu, edges, i) < zones[u]:
-                    zones[u] = (mu, edges, i)
-    return zones
-
-
-def regional_extrema(V: Iterable[Vertex], E: set[Edge], f: Function) -> tuple[list[set[Vertex]], list[set[Vertex]]]:
-    """Plateaus without a neighbour below, and those without one above."""
-    minima, maxima = [], []
-    left = set(V)
-    while left:
-        plateau, edge = set(), [left.pop()]
-        while edge:
-            u = edge.pop()
-            plateau.add(u)
-            edge += [v for v in neighbours(E, u) if f[v] == f[u] and v not in plateau]
-        left -= plateau
-        around = [f[v] - f[u] for u in plateau for v in neighbours(E, u)]
-        if all(d >= 0 for d in around):
-            minima.append(plateau)
-        if all(d <= 0 for d in around):
-            maxima.append(plateau)
-    return minima, maxima

@@ -5,30 +5,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import bounds
 import cases
 import numpy as np
 import pytest
+import rows  # noqa: F401, fills ROWS
+from checking import as_gpu, check
 from numpy.testing import assert_allclose
-from test_backends import PatchCase, as_gpu, assert_within, nan, oracle
+from primitives import ROWS
+from problems import Kind, PatchCase, oracle, problem
 
 from gpureg import backends
 from gpureg.backends import BackendUnavailable
 from gpureg.graphs.grid import GridGraph
 from gpureg.regularization import one_sweep
-
-# graph, channels, radius of the patch, dtype
-CASES = (
-    ("grid", 2, 2, "float32"),
-    ("grid", 1, 1, "float64"),
-    ("disk", 1, 3, "float32"),
-    ("masked", 3, 1, "float32"),
-    ("narrow", 1, 4, "float32"),
-    ("row", 2, 7, "float32"),
-    ("volume", 1, 1, "float32"),
-    ("four axes", 1, 1, "float32"),
-    ("pixel", 1, 2, "float32"),
-)
 
 
 def literal(grid, w, f, share, centre, radius):
@@ -52,8 +41,8 @@ def literal(grid, w, f, share, centre, radius):
     return total
 
 
-@pytest.mark.parametrize("name", ["small grid", "small masked", "small row", "small volume"])
-def test_the_oracle_is_the_equation(name):
+def check_the_equation(backend, name):
+    """A numpy backend in float64 against the loops."""
     grid, half = cases.graph(name), cases.weights(name)
     generator = cases.rng(47)
     f, share, centre = generator.random((grid.n_vertices, 2)), *generator.random((2, grid.n_vertices, 1))
@@ -63,43 +52,19 @@ def test_the_oracle_is_the_equation(name):
     w |= {
         (places[u], places[v]): weight for u, v, weight in zip(csr.edge_rows(), csr.indices, csr.weights, strict=True)
     }
-    weighted = oracle().prepare(grid, half)
-    expected = literal(grid, w, f, share, centre, 1)
-    assert_allclose(oracle().aggregate(weighted, f, share, centre, 1), expected, rtol=1e-13)
-
-
-def check(backend, name, channels, radius):
-    """Sums of positive products with a signed F: P cells and D neighbours added, four roundings a term."""
-    grid, half = cases.graph(name), cases.weights(name)
-    generator = cases.rng(53)
-    f = cases.function(grid, channels)
-    share, centre = generator.random((2, grid.n_vertices, 1), dtype=np.float32).astype(np.float64)
-    exact = oracle().prepare(grid, half)
-    expected = oracle().aggregate(exact, f, share, centre, radius)
-    sizes = oracle().aggregate(exact, np.abs(f), share, centre, radius)
-    limit = bounds.Bounds(grid, half, backend.dtype.name)
-    terms = (2 * radius + 1) ** grid.ndim + len(grid.offsets) + 5
     weighted = backend.prepare(grid, half)
-    out = nan(backend, grid, channels)
-    args = [backend.put(grid, x) for x in (f, share, centre)]
-    assert backend.aggregate(weighted, *args, radius, out=out) is out
-    actual = backend.get(grid, out)
-    assert_within(actual, expected, limit.slack * limit.gamma(terms) * sizes, "aggregate")
-    assert backend.get(grid, backend.aggregate(weighted, *args, radius)).tobytes() == actual.tobytes()
-    largest = backend.get(grid, backend.largest_weight(weighted))
-    np.testing.assert_array_equal(largest, oracle().largest_weight(exact))  # weights that both types hold exactly
+    expected = literal(grid, w, f, share, centre, 1)
+    assert_allclose(backend.aggregate(weighted, f, share, centre, 1), expected, rtol=1e-13)
 
 
-@pytest.mark.parametrize(("name", "channels", "radius", "dtype"), CASES)
-def test_devices(device, name, channels, radius, dtype):
-    check(backends.get(device, dtype), name, channels, radius)
+@pytest.mark.parametrize("name", ["small grid", "small masked", "small row", "small volume"])
+def test_the_oracle_is_the_equation(name):
+    check_the_equation(oracle(), name)
 
 
 @pytest.mark.parametrize("name", ["grid", "row", "volume"])
 def test_as_a_gpu_takes_it(monkeypatch, device, name):
-    if device.startswith("numpy"):
-        pytest.skip("numpy has no other way for a GPU")
-    check(as_gpu(device, "float32", monkeypatch), name, 1, 2)
+    check(as_gpu(device, "float32", monkeypatch), ROWS["aggregate"], problem(Kind(cases.Setup(name))))
 
 
 @pytest.mark.parametrize("name", ["csr", "small csr, unweighted", "csr, one vertex"])
@@ -131,7 +96,8 @@ def test_half_weights_are_averaged_too(device):
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(("channels", "radius"), [(1, 1), (3, 1), (1, 2)])
 @pytest.mark.parametrize("gpu", [False, True])
-def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, radius, masked, gpu):
+@pytest.mark.parametrize("lam", [0.0, 1.5])
+def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, radius, masked, gpu, lam):
     """The step whose weights are sums over patches: what `aggregate` gives with shares of 1, divided by its own sum.
 
     Some 120 x 25 positive terms a sum, on values of size 1, in another order: 2 x 3000 roundings at the very most, and
@@ -146,19 +112,16 @@ def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, ra
     grid = GridGraph((37, 53), 5, "euclidean", mask=mask)
     f, form = cases.function(grid, channels), PatchCase("", radius=2, scale=2.0, spatial=True).form(grid)
     inside = np.ones((grid.n_vertices, 1)) if mask is None else mask.reshape(-1, 1).astype(float)
-    for lam in (0.0, 1.5):
-        count = one_sweep._per_patch(grid, lam, radius)
-        step = dataclasses.replace(form, average=radius)
-        fused = backend.get(
-            grid, backend.similarity_step(grid, f, step, backend.put(grid, f), backend.put(grid, count))
-        )
-        weighted = backend.patch_distance(grid, f, form)
-        args = (np.concatenate([f * inside, inside], 1), inside, lam / 2 * inside)
-        sums = backend.get(grid, backend.aggregate(weighted, *(backend.put(grid, x) for x in args), radius))
-        known = inside[:, 0] > 0
-        assert_allclose(fused[known], sums[known, :-1] / sums[known, -1:], rtol=0, atol=5e-6)
-        plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
-        assert np.abs(plain - fused)[known].max() > 1e-3
+    count = one_sweep._per_patch(grid, lam, radius)
+    step = dataclasses.replace(form, average=radius)
+    fused = backend.get(grid, backend.similarity_step(grid, f, step, backend.put(grid, f), backend.put(grid, count)))
+    weighted = backend.patch_distance(grid, f, form)
+    args = (np.concatenate([f * inside, inside], 1), inside, lam / 2 * inside)
+    sums = backend.get(grid, backend.aggregate(weighted, *(backend.put(grid, x) for x in args), radius))
+    known = inside[:, 0] > 0
+    assert_allclose(fused[known], sums[known, :-1] / sums[known, -1:], rtol=0, atol=5e-6)
+    plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
+    assert np.abs(plain - fused)[known].max() > 1e-3
 
 
 def test_only_stored_weights_of_a_grid(device):

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
-from test_mathematics import draw
+from test_processes import draw
 
 import gpureg as gr
 from gpureg.arrays import FloatArray

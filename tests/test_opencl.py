@@ -47,9 +47,10 @@ def test_every_pack_width_computes_the_same(width: int, kind: str, name: str) ->
             "patch_distance": b.get_weights(b.patch_distance(made, f, form)),
         }
 
-    for (primitive, found), expected in zip(results(backend).items(), results(ORACLE).values(), strict=True):
-        # The sharp bounds are test_backends.py's; a lane in the wrong place is off by the size of the values.
-        assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max(), primitive
+    found, exact = results(backend), results(ORACLE)
+    # The sharp bounds are test_primitives.py's; a lane in the wrong place is off by the size of the values.
+    off = {name: np.abs(found[name] - x).max() / np.abs(x).max() for name, x in exact.items()}
+    assert not {name: share for name, share in off.items() if not share <= 1e-5}
 
 
 @pytest.mark.parametrize(
@@ -89,6 +90,7 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
     assert isinstance(layout, GridLayout)
     geometry, lanes = layout.geometry, layout.width
     planned = geometry.blocks(channels, 1, weighted, 2)
+    different = []
     for band, stretch in ((2, lanes), (4, 3 * lanes), (shape[0] + 1, round_up(shape[-1], lanes))):
         ring_pitch = geometry.spread(stretch + 2 * round_up(geometry.reach, lanes) + lanes)
         count = (-(-geometry.W // stretch), -(-geometry.rows // band))
@@ -97,7 +99,9 @@ def test_a_sweep_does_not_depend_on_how_the_grid_is_cut(
         layout._rings = backend.upload(np.full(blocks.ring_size * count[0] * count[1], np.nan, np.float32))
         with monkeypatch.context() as patched:
             patched.setattr(GridGeometry, "blocks", lambda *_, blocks=blocks, **__: blocks)
-            assert swept(grid, half, f, f0, lam).tobytes() == whole.tobytes(), (band, stretch)
+            if swept(grid, half, f, f0, lam).tobytes() != whole.tobytes():
+                different.append((band, stretch))
+    assert not different
     # a part that begins and ends anywhere, with a halo of two radii
     halo, last = 2 * radius, shape[-1]
     begin, end = last // 3, last // 3 + 21

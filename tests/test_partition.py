@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cases
 import numpy as np
-import paper
+import paper_zones
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -54,7 +54,7 @@ def test_the_oracle_is_the_definition(name, height):
     f, sources = levels(graph, 1, height), some_sources(graph, 5)
     members = {int(i): np.flatnonzero(sources == i).tolist() for i in np.unique(sources[sources >= 0])}
     V = range(graph.n_vertices)
-    expected = paper.influence_zones(V, E, [dict(enumerate(f[:, 0].tolist()))], members)
+    expected = paper_zones.influence_zones(V, E, [dict(enumerate(f[:, 0].tolist()))], members)
     labels, energy = gr.energy_partition(f, graph, sources, return_energy=True, backend="numpy")
     assert labels.tolist() == [expected[u][2] if u in expected else -1 for u in V]
     assert energy.tolist() == [expected[u][0] if u in expected else np.inf for u in V]

@@ -8,85 +8,35 @@ import bounds
 import cases
 import numpy as np
 import pytest
+import rows  # noqa: F401, fills ROWS
+from checking import as_gpu, check
 from numpy.testing import assert_array_equal
-from test_backends import PatchCase, as_gpu, assert_within, at_both_ends, nan, oracle
+from primitives import ROWS, assert_within
+from problems import PatchCase, PatchKind
 
 from gpureg import backends
 from gpureg.graphs.grid import GridGraph
 
-STEPS = (
+# What a GPU takes in another way than a CPU, tried by pretending.
+NARROW = (
+    PatchKind(PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), lam="array"),
+    PatchKind(PatchCase("grid", radius=2, scale=0.5), "float64", "array"),
+    PatchKind(PatchCase("narrow", radius=4, scale=0.01)),
+    PatchKind(PatchCase("volume", radius=1, gaussian=True, scale=4.0), lam="array"),
+)
+LARGEST = (
     (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),
-    (PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), "array"),
-    (PatchCase("grid", radius=2, scale=0.5, wide=True), "array"),
     (PatchCase("masked", radius=0, scale=2.0, spatial=True), "array"),
-    (PatchCase("narrow", radius=4, scale=0.01), "number"),
-    (PatchCase("row", radius=2, scale=1.0), "array"),
     (PatchCase("volume", radius=1, gaussian=True, scale=4.0), "array"),
-    (PatchCase("four axes", channels=2, radius=1, scale=0.01), "number"),
-    (PatchCase("pixel", radius=2, scale=1.0), "number"),
-    (PatchCase("masked", channels=2, radius=1, shift=0.125, scale=0.5, spatial=True, maps=True), "array"),
 )
 
 
-# What a GPU takes in another way than a CPU, tried by pretending.
-NARROW = (STEPS[1], STEPS[2], STEPS[4], STEPS[6])
+@pytest.mark.parametrize("kind", NARROW, ids=lambda kind: kind.id)
+def test_as_a_gpu_takes_it(monkeypatch, device, kind):
+    check(as_gpu(device, kind.dtype, monkeypatch), ROWS["similarity_step"], kind.make())
 
 
-def check(backend, case, lam, guided=False):
-    """Against the composition of its two primitives on numpy in float64.
-
-    A weight is off by dw (bounds.patch_distance), which moves the quotient q by at most
-    sum_v 2 dw (|f(v)| + |q|) / (denominator - sum_v 2 dw); what is then computed from it obeys bounds.jacobi_step.
-    """
-    dtype, exact = backend.dtype.name, oracle()
-    graph, m = cases.graph(case.graph), case.channels
-    f, f0, form = cases.function(graph, m), cases.function(graph, m, seed=13), case.form(graph)
-    compared, q = (cases.function(graph, m + 1, seed=19), m + 1) if guided else (f, m)
-    guide = compared if guided else None
-    fidelity = 0.75 if lam == "number" else cases.fidelity(graph)
-
-    w = exact.get_weights(exact.patch_distance(graph, compared, form))
-    rho = exact.get_weights(exact.patch_distance(graph, compared, dataclasses.replace(form, scale=None)))
-    inside = graph.edges.unit_half()
-    spatial = inside if form.spatial is None else inside * form.spatial.reshape(-1, *(1,) * graph.ndim)
-    limit = bounds.Bounds(graph, w, dtype)
-    dw = limit.patch_distance(rho, form, spatial, q, graph.ndim, *at_both_ends(graph, form))
-    expected = exact.similarity_step(graph, f, form, f0, fidelity, guide=guide)
-    off = graph.to_graph(2 * dw).weights
-    pinned = np.isinf(np.broadcast_to(fidelity, (graph.n_vertices, 1)))
-    finite = np.where(pinned, 0, fidelity)
-
-    def around(terms):
-        return np.stack([np.bincount(limit.rows, t, graph.n_vertices) for t in terms.T], axis=-1)
-
-    moved = around(off[:, None] * (np.abs(f[limit.columns]) + np.abs(expected[limit.rows])))
-    left = finite + around(2 * limit.w[:, None]) - around(off[:, None])
-    bound = limit.jacobi_step(f, f0, None, fidelity, 1.0)
-    bound += np.where(pinned | (left <= 0), 0, moved / np.where(left > 0, left, 1)) * (1 + 8 * limit.u)
-
-    device_f0 = backend.put(graph, f0)
-    device_lam = fidelity if lam == "number" else backend.put(graph, fidelity)
-    out = nan(backend, graph, m)
-    assert backend.similarity_step(graph, f, form, device_f0, device_lam, guide=guide, out=out) is out
-    actual = backend.get(graph, out)
-    assert_within(actual, expected, bound, "similarity_step")
-    again = backend.similarity_step(graph, f, form, device_f0, device_lam, guide=guide)
-    assert backend.get(graph, again).tobytes() == actual.tobytes()
-
-
-@pytest.mark.parametrize(("case", "lam"), STEPS, ids=[f"{case.id}, lam a {lam}" for case, lam in STEPS])
-def test_similarity_step(device, case, lam):
-    check(backends.get(device, "float64" if case.wide else "float32"), case, lam)
-
-
-@pytest.mark.parametrize(("case", "lam"), NARROW, ids=[f"{case.id}, lam a {lam}" for case, lam in NARROW])
-def test_as_a_gpu_takes_it(monkeypatch, device, case, lam):
-    if device.startswith("numpy"):
-        pytest.skip("numpy has no other way for a GPU")
-    check(as_gpu(device, "float64" if case.wide else "float32", monkeypatch), case, lam)
-
-
-@pytest.mark.parametrize(("case", "lam"), [STEPS[0], STEPS[3], STEPS[6]], ids=lambda x: getattr(x, "id", x))
+@pytest.mark.parametrize(("case", "lam"), LARGEST, ids=lambda x: getattr(x, "id", x))
 def test_lam_in_units_of_the_largest_weight(device, case, lam):
     """The composition of the primitives, on the same device: sums in another order, of at most 120 positive terms."""
     backend, graph = backends.get(device), cases.graph(case.graph)
@@ -105,12 +55,6 @@ def test_lam_in_units_of_the_largest_weight(device, case, lam):
     assert np.abs(backend.get(graph, step) - backend.get(graph, plain)).max() > 1e-3
 
 
-@pytest.mark.parametrize("case", [STEPS[0][0], STEPS[1][0]], ids=lambda case: case.id)
-def test_weights_of_a_guide(device, case):
-    """What the patches compare has one channel more than what is averaged."""
-    check(backends.get(device), case, "number", guided=True)
-
-
 def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
     """OpenCL on a CPU: as many strips at once as there is room for, or one after the other."""
     backend = backends.get(device)
@@ -126,7 +70,7 @@ def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
 
     together = step()
     monkeypatch.setattr(opencl_strips, "_SLOT_BYTES", 1)
-    monkeypatch.setattr(backend, "_scratch_memory", None)
+    monkeypatch.setattr(backend, "_kept", None)
     assert_array_equal(step(), together)
 
 

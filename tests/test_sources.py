@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cases
 import numpy as np
-import paper
+import paper_zones
 import pytest
 from scipy import ndimage
 
@@ -20,7 +20,7 @@ def test_extrema_are_those_of_the_definition(name, height):
     inside = getattr(graph, "mask", None)
     V = range(graph.n_vertices) if inside is None else np.flatnonzero(inside.ravel()).tolist()
     f = cases.rng(19).integers(0, height, graph.n_vertices)
-    minima, maxima = paper.regional_extrema(V, E, dict(enumerate(f.tolist())))
+    minima, maxima = paper_zones.regional_extrema(V, E, dict(enumerate(f.tolist())))
     for kind, wanted in (
         ("minima", minima),
         ("maxima", maxima),

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import sparse
 from scipy.spatial import cKDTree
-from test_mathematics import ngon, solid
+from test_closed_forms import ngon, solid
 
 import gpureg as gr
 
