@@ -70,7 +70,7 @@ def test_launches_that_share_slots_give_the_same_bits(monkeypatch, device):
 
     together = step()
     monkeypatch.setattr(opencl_strips, "_SLOT_BYTES", 1)
-    monkeypatch.setattr(backend, "_kept", None)
+    monkeypatch.setattr(backend, "_scratch_memory", None)
     assert_array_equal(step(), together)
 
 
