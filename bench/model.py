@@ -28,27 +28,30 @@ HOST, DEVICE = "in", "out"
 EXP = 16
 
 
-def _of_tests(name: str) -> ModuleType:
+def _of_tests(name: str, room: str = "") -> ModuleType:
     """A module of the folder ``tests``, which is no package: under pytest it may be there already."""
-    folder = str(Path(__file__).resolve().parents[1] / "tests")
-    sys.path.insert(0, folder)
+    folder = Path(__file__).resolve().parents[1] / "tests"
+    folders = [str(folder), str(folder / "backends")]
+    sys.path[:0] = folders
     try:
         found = importlib.import_module(name)
     finally:
-        sys.path.remove(folder)
-    assert str(Path(found.__file__ or "").parent) == folder, f"{name} is {found.__file__}, not that of {folder}"
+        for each in folders:
+            sys.path.remove(each)
+    there = Path(found.__file__ or "").parent
+    assert there == folder / room, f"{name} is {found.__file__}, not that of {folder / room}"
     return found
 
 
 shared = _of_tests("cases")
-_primitives = _of_tests("rows").ROWS
+_primitives = _of_tests("rows", "backends").ROWS
 
 # Two correct implementations of a sweep may be so far apart, relative to the largest value: derived in tests/cases.py.
 TOLERANCE: dict[str, float] = shared.TOLERANCES
 
 
 def traffic(primitive: str, graph: Any, **sizes: Any) -> float:
-    """Bytes that one call must move at least, each array once: those of tests/primitives.py, of the whole graph.
+    """Bytes that one call must move at least, each array once: tests/backends/primitives.py, for the whole graph.
 
     `sizes` are channels, norms, and the names of arguments that are arrays where they may be numbers.
     """

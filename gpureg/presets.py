@@ -1,8 +1,8 @@
 """Other libraries' filters, to their rounding: the same names of parameters, computed by :mod:`gpureg.images.one_step`.
 
 A way to move here from OpenCV, scikit-image or gputools, and a check of both sides. How near each comes is said in its
-Notes and held by ``tests/test_presets.py``. Where a peer's mapping has to be known in other terms: with the paper's w1
-and w2 and lam = 2 (the centre counted once),
+Notes and checked by ``tests/images/test_presets.py``. Where a peer's mapping has to be known in other terms: with the
+paper's w1 and w2 and lam = 2 (the centre counted once),
 
 ==================  =============================================================================
 OpenCV's bilateral  sigma_X^2 = 2 sigmaColor^2, sigma_P^2 = 2 sigmaSpace^2, disk, "reflect"

@@ -36,7 +36,7 @@ UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
 #   A sweep is a quotient of two sums of D products with two conductances: 2 (288 + 80) + 13 = 749 u.
 #   Two implementations may be off in opposite directions: 1498 u, which is 9e-5 in float32 and 1.7e-13 in float64.
 # The float64 number is rounded up to what the project promises across devices, 1e-9, which is also what is left of it
-# after a few thousand sweeps. tests/test_primitives.py holds single primitives to sharper bounds.
+# after a few thousand sweeps. tests/backends/test_primitives.py holds single primitives to sharper bounds.
 TOLERANCES = {"float32": 1e-4, "float64": 1e-9}
 
 

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 import gpureg
 from gpureg.cli import main
-from gpureg.files.pictures import Picture
+from gpureg.files.pictures import Picture, write_picture
 
 SIGMA = 15.0  # of 255
 ROOT = Path(gpureg.__file__).resolve().parent.parent
@@ -117,3 +117,27 @@ def failed(result, code: int, *words: str) -> None:
     assert "Traceback" not in result.output
     for word in words:
         assert word in result.output, f"{word!r} is not in {result.output!r}"
+
+
+@pytest.fixture
+def noisy(tmp_path) -> Path:
+    path = tmp_path / "noisy.png"
+    write_picture(path, noisy_picture()[0])
+    return path
+
+
+@pytest.fixture
+def flat(tmp_path) -> Path:
+    """A picture without any noise."""
+    path = tmp_path / "flat.png"
+    write_picture(path, Picture(np.full((20, 30), 77, np.uint8)))
+    return path
+
+
+@pytest.fixture(params=["new", "old"])
+def target(request, tmp_path) -> Path:
+    """A place for the output: a free one, or one where a file lies that a failure must not harm."""
+    path = tmp_path / "out.png"
+    if request.param == "old":
+        path.write_bytes(b"what was there before")
+    return path

@@ -9,6 +9,9 @@ import pytest
 
 from gpureg import backends
 
+# small noisy pictures in files, for the tests of the command line
+pytest_plugins = ["commands"]
+
 
 def _listed(variable: str) -> list[str]:
     return [name.strip() for name in os.environ.get(variable, "").split(",") if name.strip()]

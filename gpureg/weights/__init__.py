@@ -3,7 +3,7 @@
 A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the
 form s(u, v) exp(-patch distance) derive from :class:`PatchWeights` and are computed there; any other derives from
 :class:`EdgeWeights` and says in numpy what the weight between arrays of vertices is. To add one: a class, a function
-below it, a name here, and a row in ``tests/test_weights.py``.
+below it, a name here, and a row in ``tests/weights/test_weights.py``.
 """
 
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights

@@ -13,8 +13,8 @@ import time
 import numpy as np
 import pytest
 from commands import call, done, environment, failed, process
-from refusing import WITHOUT_DEVICES
 from PIL import Image
+from refusing import WITHOUT_DEVICES
 
 import gpureg
 from gpureg.cli import main

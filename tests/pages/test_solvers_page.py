@@ -7,7 +7,7 @@ from pathlib import Path
 import pages
 import pytest
 
-PAGE = Path(__file__).parent.parent / "docs" / "solvers.md"
+PAGE = Path(__file__).parents[2] / "docs" / "solvers.md"
 
 
 @pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")

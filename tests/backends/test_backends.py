@@ -1,6 +1,6 @@
 """Data on every device, sums over long segments, several sweeps, and which devices the tests take.
 
-tests/test_primitives.py holds the primitives themselves.
+tests/backends/test_primitives.py holds the primitives themselves.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import pytest
 
 from gpureg import backends
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def _run(name: str, folder: Path, *needed: str) -> list[pages.Block]:

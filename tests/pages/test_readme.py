@@ -20,7 +20,7 @@ from gpureg.cli.mesh import mesh
 from gpureg.cli.points import points
 from gpureg.cli.simplify import simplify
 
-README = Path(__file__).parent.parent / "README.md"
+README = Path(__file__).parents[2] / "README.md"
 DOCS = README.parent / "docs"
 FIRST_STEPS, COMMAND_LINE, MATHEMATICS = DOCS / "first_steps.md", DOCS / "command_line.md", DOCS / "mathematics.md"
 COMMANDS = (denoise, simplify, mesh, curve, points, figures)
@@ -157,12 +157,12 @@ def test_examples_of_the_mathematics_run(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_the_mathematics_names_tests_and_operators_that_exist() -> None:
     text = MATHEMATICS.read_text("utf-8")
-    tests = {path.name: path for path in Path(__file__).parent.rglob("*.py")}
+    tests = {path.name: path for path in Path(__file__).parents[1].rglob("*.py")}
     sources = "".join(path.read_text("utf-8") for name, path in tests.items() if name.startswith("test_"))
     for name in set(re.findall(r"`(test_\w+)`", text)):
         assert f"def {name}(" in sources, name
     for name in set(re.findall(r"`tests/([\w/]+\.py)`", text)):
-        assert (Path(__file__).parent / name).exists() or Path(name).name in tests, name
+        assert (Path(__file__).parents[1] / name).exists() or Path(name).name in tests, name
 
     for name in gr.operators.__all__:
         assert f"`{name}`" in text or f"`{name}(" in text, name

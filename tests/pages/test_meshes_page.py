@@ -7,7 +7,7 @@ from pathlib import Path
 import pages
 import pytest
 
-PAGE = Path(__file__).parent.parent / "docs" / "meshes.md"
+PAGE = Path(__file__).parents[2] / "docs" / "meshes.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
 
 

@@ -1,4 +1,4 @@
-"""How the primitives of the paper's energy are called, and how far a device may be off: see tests/primitives.py."""
+"""How the primitives of the paper's energy are called, and how far a device may be off: see primitives.py."""
 
 from __future__ import annotations
 

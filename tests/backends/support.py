@@ -1,4 +1,7 @@
-"""What each device supports: every primitive on a grid and on a stored graph, tried once. `python tests/support.py`."""
+"""What each device supports: every primitive on a grid and on a stored graph, tried once.
+
+Run it by `python tests/backends/support.py`.
+"""
 
 from __future__ import annotations
 

@@ -87,14 +87,14 @@ WARP = [
 
 
 def passes_unchanged(kind, name):
-    """Whether tests/test_primitives.py makes this comparison with the right kernels."""
+    """Whether tests/backends/test_primitives.py makes this comparison with the right kernels."""
     every_class = dataclasses.replace(kind, classes=CLASSES) if isinstance(kind, Kind) and kind.classes else kind
     return {(kind, name), (every_class, name)} & set(PAIRS)
 
 
 @pytest.mark.parametrize(("mutation", "kind"), OPENCL, ids=[mutation.id for mutation, _ in OPENCL])
 def test_a_broken_opencl_kernel_is_noticed(monkeypatch, mutation, kind):
-    """One wrong term in a kernel breaks the comparison that passes without it, in tests/test_primitives.py."""
+    """One wrong term in a kernel breaks the comparison that passes without it, in tests/backends/test_primitives.py."""
     assert passes_unchanged(kind, mutation.primitive)
     backend = mutations.opencl(mutation, monkeypatch)
     with pytest.raises(AssertionError, match="out of bounds"):

@@ -1,9 +1,8 @@
 """One struct a primitive: what it is called with, what it gives, and how far a device may be off.
 
-A row says what a primitive is called with and what it writes. It serves the tests (tests/checking.py: values within
-bounds, the same bits on a second run, nothing written outside of an array; mutations must break the same comparison),
-the table of what each device supports (tests/support.py) and the traffic that bench/model.py counts. tests/rows.py has
-the rows.
+A row says what a primitive is called with and what it writes. It serves the tests (checking.py: values within bounds,
+the same bits on a second run, nothing written outside of an array; mutations must break the same comparison), the
+table of what each device supports (support.py) and the traffic that bench/model.py counts. rows.py has the rows.
 """
 
 from __future__ import annotations
@@ -126,7 +125,7 @@ class Primitive:
 
 
 ROWS: dict[str, Primitive] = {}
-"""Every primitive by its name; tests/rows.py fills it."""
+"""Every primitive by its name; tests/backends/rows.py fills it."""
 
 
 def assert_within(actual: Any, exact: Any, bound: Any, what: str) -> None:

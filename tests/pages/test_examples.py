@@ -8,7 +8,7 @@ from pathlib import Path
 import pages
 import pytest
 
-PAGE = Path(__file__).parent.parent / "docs" / "images.md"
+PAGE = Path(__file__).parents[2] / "docs" / "images.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside the tests")
 
 # Two lines of a section, and the least difference in dB of the second from the first: a little less than on the page,
