@@ -197,15 +197,14 @@ def test_gradient_is_that_of_the_energy(oracle, setting, edge_norm, p):
 @some_graphs
 @channel_kinds
 @pytest.mark.parametrize("p", P)
-@pytest.mark.parametrize("eps", [0.0, 0.125])
-def test_dual_step(oracle, setting, edge_norm, p, eps):
+def test_dual_step(oracle, setting, edge_norm, p):
     """Against the equation of the prox solved by halving; lengths from 0 over the unit ball's to several times that.
 
     For p = 1 the house's limit of share (1 - 32 u) is within the tolerance.
     """
-    s, step = setting, {"model": setting.model(p, eps, edge_norm), "beta": BETA, "sigma": SIGMA}
-    off, longest = [], []
-    for scale in (0.25, 4.0):
+    s, off, longest = setting, [], []
+    for scale, eps in itertools.product((0.25, 4.0), (0.0, 0.125)):
+        step = {"model": s.model(p, eps, edge_norm), "beta": BETA, "sigma": SIGMA}
         back, expected, largest = stepped(oracle, s, step, scale)
         # 0 where no edge is: the sum over the edges is that over all
         off += [(s.form.from_host(back) - expected) / largest]
@@ -290,12 +289,12 @@ def test_primal(oracle, setting, lam):
 @some_graphs
 @channel_kinds
 @pytest.mark.parametrize("p", P)
-@pytest.mark.parametrize("eps", [0.0, 0.125])
-def test_duality_gap(oracle, setting, edge_norm, p, eps):
+def test_duality_gap(oracle, setting, edge_norm, p):
     """Never below 0, and the energy minus the dual energy, each taken by itself; relative to their size."""
     s, share = setting, 0.5 if edge_norm else 1.0
     y = s.inside(s.y, edge_norm, 0.95 * share) if p == 1 else s.y
-    given = [gaps(oracle, s, y, s.lams[lam], s.model(p, eps, edge_norm)) for lam in ("number", "some infinite")]
+    models = [s.model(p, eps, edge_norm) for eps in (0.0, 0.125)]
+    given = [gaps(oracle, s, y, s.lams[lam], model) for lam in ("number", "some infinite") for model in models]
     found, expected = np.array(given).T
     assert_close(found, expected, scale=1)
     assert found.min() >= -1e-15  # a term of Fenchel's inequality is 0 at best, up to its roundings

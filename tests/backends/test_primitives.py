@@ -49,7 +49,8 @@ AVERAGED = [
 ]
 STORED = [Kind(cases.Setup(name)) for name in ("csr", "small csr, unweighted", "csr, one vertex")]
 
-ZONES = [Kind(cases.Setup(name)) for name in ("grid", "masked", "volume", "narrow", "csr", "pixel", "csr, one vertex")]
+# tests/test_partition.py has all other graphs, and blocks of several sizes
+ZONES = [Kind(cases.Setup(name)) for name in ("grid", "csr")]
 
 # Seven compilations a device and type. A radius of 4 reaches over both ends of a row of 3.
 PATCHES = (
@@ -89,9 +90,14 @@ STEPS = [
 FAMILIES = [
     (PLAIN, ("degree", "gradient_norm", "p_laplacian", "jacobi_step", "energy", "max_change", "sweep")),
     ([Kind(s) for s in cases.LONG], ("energy", "max_change")),
+    ([Kind(s, t) for s, t in FORMS], ("euler_step",)),
     (
-        [Kind(s, t, directed, edge) for s, t in FORMS for directed in BOTH for edge in BOTH],
-        ("degree", "gradient_norm", "p_laplacian", "jacobi_step", "euler_step", "energy"),
+        [Kind(s, t, directed=True) for s, t in FORMS],
+        ("degree", "p_laplacian", "jacobi_step", "euler_step", "energy"),
+    ),
+    (
+        [Kind(s, t, directed, edge_norm=True) for s, t in FORMS for directed in BOTH],
+        ("gradient_norm", "p_laplacian", "jacobi_step", "euler_step", "energy"),
     ),
     ([Kind(s, t, directed) for s, t in EDGE_FORMS for directed in BOTH], ("difference", "adjoint")),
     (DUAL, ("dot", "combine", "gradient", "dual_step", "primal", "duality_gap")),
