@@ -12,7 +12,6 @@ from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.problem import uses_degrees
-from ..weights.base import AnyWeights
 from .on_device import SETTINGS, Settings, bare, put_function
 
 
@@ -32,16 +31,8 @@ def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
     return table
 
 
-@door
-def difference(
-    f: npt.ArrayLike,
-    graph: GraphLike,
-    *,
-    weights: AnyWeights = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-) -> FloatArray:
+@door(options=SETTINGS)
+def difference(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
     """Compute the weighted difference d_w f (eq. 4), a function on the edges.
 
     Its values are::
@@ -64,9 +55,8 @@ def difference(
     >>> gr.operators.difference([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([ 3., -3.,  0.,  0.], dtype=float32)
     """
-    graph = as_graph(graph, degrees=uses_degrees(gamma))
-    settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
-    on, function = put_function(f, graph, 2.0, 0.0, True, settings)
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
+    on, function = put_function(f, graph, 2.0, settings)
     host = on.backend.get_edges(graph, on.backend.difference(on.weighted, on.put_function(function)))
     if isinstance(graph, GridGraph):
         host = graph.edges.gather(host)
@@ -119,16 +109,8 @@ def edge_derivative(
     return derivative
 
 
-@door
-def adjoint(
-    H: npt.ArrayLike,
-    graph: GraphLike,
-    *,
-    weights: AnyWeights = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-) -> FloatArray:
+@door(options=SETTINGS)
+def adjoint(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
     """Compute the adjoint of the difference, of a function on the edges (eq. 7, Proposition 1).
 
     With it <d_w f, H> = <f, d_w* H> for every f (eq. 6)::
@@ -157,10 +139,9 @@ def adjoint(
     >>> gr.operators.adjoint([1.0, 0.0, 0.0, 0.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([-1.,  1.,  0.], dtype=float32)
     """
-    graph = as_graph(graph, degrees=uses_degrees(gamma))
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     table = _edge_function(graph, H)
-    settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
-    on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, 0.0, True, settings)
+    on, _ = put_function(np.zeros(graph.n_vertices), graph, 2.0, settings)
     planes = graph.edges.scatter(table) if isinstance(graph, GridGraph) else table
     host = on.backend.get(graph, on.backend.adjoint(on.weighted, on.backend.put_edges(graph, planes)))
     if on.scale is not None:

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from ..checks import number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
-from ..model.problem import Norm, uses_degrees
-from ..weights.base import AnyWeights
+from ..model.problem import uses_degrees
 from .on_device import SMOOTHED, Smoothed, put_function
 
 
@@ -34,25 +33,19 @@ def dirichlet_energy(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: U
     return energy(f, f, graph, p, 0.0, **settings)
 
 
-@door
+@door(options=SMOOTHED)
 def energy(
     f: npt.ArrayLike,
     f0: npt.ArrayLike,
     graph: GraphLike,
     p: float,
     lam: float | npt.ArrayLike,
-    *,
-    eps: float = 0.0,
-    norm: Norm = "vertex",
-    coupled: bool = True,
-    weights: AnyWeights = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
+    **settings: Unpack[Smoothed],
 ) -> float:
     """Compute the energy of f that :func:`gpureg.regularize` lowers (eq. 19): Dirichlet energy plus fidelity to f0.
 
-    A weight function is computed from `f0`. Where lam is infinite, f = f0 is taken for granted.
+    A weight function is computed from `f0`. Where lam is infinite, f is taken to be f0. The settings are those of
+    :func:`p_laplacian`.
 
     Raises
     ------
@@ -66,10 +59,9 @@ def energy(
     >>> gr.operators.energy([0.0, 3.0, 3.0], [1.0, 3.0, 3.0], graph, 2, 4.0, backend="numpy")
     11.0
     """
-    graph = as_graph(graph, degrees=uses_degrees(gamma))
-    number("eps", eps, low=0)
-    settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
+    eps = number("eps", settings.get("eps", 0.0), low=0)
     # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.
-    on, function = put_function(f, graph, p, eps or 1.0, coupled, settings, lam=lam, f0=f0)
+    on, function = put_function(f, graph, p, {**settings, "eps": eps or 1.0}, lam=lam, f0=f0)
     put = on.put_function(function)
-    return on.backend.energy(on.weighted, put, on.f0, on.lam, replace(on.model, eps=float(eps)))
+    return on.backend.energy(on.weighted, put, on.f0, on.lam, replace(on.model, eps=eps))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, TypedDict
 
 import numpy as np
@@ -66,24 +67,20 @@ def put_function(
     f: npt.ArrayLike,
     graph: AnyGraph,
     p: float,
-    eps: float,
-    coupled: bool,
-    settings: dict[str, Any],
+    settings: Mapping[str, object],
     *,
     lam: float | npt.ArrayLike = 0.0,
     f0: npt.ArrayLike | None = None,
 ) -> tuple[DeviceProblem, FloatArray]:
     """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
-    number("eps", eps, low=0)
-    kind = computed_type(settings["dtype"])
-    make = {"p": p, "lam": lam, "weights": settings["weights"], "gamma": settings["gamma"]}
-    make["norm"] = settings.get("norm", "vertex")
-    make |= {"coupled": coupled, "eps": eps, "dtype": kind}
-    problem = Problem.make(f if f0 is None else f0, graph, **make)
+    chosen: dict[str, Any] = {**SMOOTHED, **settings}
+    chosen["eps"] = number("eps", chosen["eps"], low=0)
+    backend, kind = chosen.pop("backend"), computed_type(chosen.pop("dtype"))
+    problem = Problem.make(f if f0 is None else f0, graph, p=p, lam=lam, dtype=kind, **chosen)
     function = problem.f0 if f0 is None else as_function(graph, f, "f")
     if function.shape != problem.f0.shape:
         raise ValueError(f"f and f0 must have the same shape, got {np.asarray(f).shape} and {np.asarray(f0).shape}")
-    return DeviceProblem.put(problem, backends.get(settings["backend"], kind)), function
+    return DeviceProblem.put(problem, backends.get(backend, kind)), function
 
 
 def bare(graph: AnyGraph) -> tuple[tuple[int, ...], ...]:

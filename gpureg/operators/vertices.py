@@ -11,12 +11,11 @@ from ..arrays import FloatArray
 from ..checks import number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
-from ..model.problem import Norm, uses_degrees
-from ..weights.base import AnyWeights
-from .on_device import CHANNELS, SMOOTHED, Channels, Smoothed, bare, put_function
+from ..model.problem import uses_degrees
+from .on_device import CHANNELS, SETTINGS, SMOOTHED, Channels, Settings, Smoothed, bare, put_function
 
 
-@door
+@door(options=SETTINGS)
 def gradient_norm(
     f: npt.ArrayLike,
     graph: GraphLike,
@@ -24,10 +23,7 @@ def gradient_norm(
     *,
     eps: float = 0.0,
     coupled: bool = True,
-    weights: AnyWeights = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
+    **settings: Unpack[Settings],
 ) -> FloatArray:
     """Compute the local variation |grad_w f(u)|_p at every vertex: the L^2 norm of eq. 9, or the L^p norm of eq. 10.
 
@@ -54,10 +50,9 @@ def gradient_norm(
     >>> gr.operators.gradient_norm([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), backend="numpy")
     array([3., 3., 0.], dtype=float32)
     """
-    graph = as_graph(graph, degrees=uses_degrees(gamma))
-    settings = {"weights": weights, "gamma": gamma, "backend": backend, "dtype": dtype}
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     number("p", p, above=0)
-    on, function = put_function(f, graph, 2.0, eps, coupled, settings)
+    on, function = put_function(f, graph, 2.0, {"eps": eps, "coupled": coupled, **settings})
     powers = {"power": 0.5} if p == 2 else {"power": 1 / float(p), "edge_power": float(p) / 2}
     norm = on.backend.gradient_norm(on.weighted, on.put_function(function), eps=on.eps, coupled=coupled, **powers)
     shape = np.shape(f)
@@ -65,20 +60,8 @@ def gradient_norm(
     return on.backend.get(graph, norm).reshape(shape if shape in bare(graph) or not coupled else shape[:-1])
 
 
-@door
-def p_laplacian(
-    f: npt.ArrayLike,
-    graph: GraphLike,
-    p: float,
-    *,
-    eps: float = 0.0,
-    norm: Norm = "vertex",
-    coupled: bool = True,
-    weights: AnyWeights = None,
-    gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
-    dtype: npt.DTypeLike | None = None,
-) -> FloatArray:
+@door(options=SMOOTHED)
+def p_laplacian(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack[Smoothed]) -> FloatArray:
     """Compute the weighted p-Laplacian of f at every vertex (eq. 12), in the shape of `f`.
 
     It is the derivative of the p-Dirichlet energy (Property 2), positive semidefinite: the opposite sign of the
@@ -88,8 +71,12 @@ def p_laplacian(
     ----------
     p : float
         Degree > 0. For p < 2 an eps > 0 is needed: the gradient may vanish.
+    eps : float, default 0
+        Smoothing of the gradient norm (eq. 15).
     norm : {"vertex", "edge"}, default "vertex"
         "edge" gives the derivative of eq. 30: sum_v gamma(u, v) |d|^(p - 2) (gamma(u, v) f(u) - gamma(v, u) f(v)).
+    coupled, weights, gamma, backend, dtype
+        As in :func:`gpureg.regularize`.
 
     Raises
     ------
@@ -102,9 +89,8 @@ def p_laplacian(
     >>> gr.operators.p_laplacian([0.0, 3.0, 3.0], gr.Graph.from_edges([[0, 1], [1, 2]]), 2, backend="numpy")
     array([-6.,  6.,  0.], dtype=float32)
     """
-    graph = as_graph(graph, degrees=uses_degrees(gamma))
-    settings = {"weights": weights, "gamma": gamma, "norm": norm, "backend": backend, "dtype": dtype}
-    on, function = put_function(f, graph, p, eps, coupled, settings)
+    graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
+    on, function = put_function(f, graph, p, settings)
     put = on.put_function(function)
     host = on.backend.get(graph, on.backend.p_laplacian(on.weighted, put, on.conductances(put)))
     if on.scale is not None:
