@@ -9,7 +9,7 @@ import ast
 from pathlib import Path
 
 import pytest
-from house import circles, files_of, floors, imported, imports_between_rooms, room_of
+from house import LONG_SIGNATURE, circles, files_of, floors, imported, imports_between_rooms, room_of, signatures
 
 import gpureg
 from gpureg import kernels
@@ -181,6 +181,13 @@ def test_there_is_no_circle():
 def test_floors_are_as_low_as_can_be():
     """The table says how the rooms stand, not how they could: a room that came down is seen here."""
     assert FLOORS == floors(imports_between_rooms(PACKAGE))
+
+
+def test_no_long_list_of_parameters_stands_twice():
+    """Options that several functions share are handed on as one."""
+    long = [(f"{file}: {name}", set(names)) for file, name, names in signatures(PACKAGE) if len(names) > LONG_SIGNATURE]
+    assert len(long) > 10
+    assert [(a, b) for a, first in long for b, second in long if a != b and first <= second] == []
 
 
 def test_the_package_is_found():

@@ -100,7 +100,7 @@ WRONG = [
     (lambda: gr.face_graph(POINTS, [[0, 1, 2]], across="corner"), ValueError, "across must be"),
     (lambda: gr.curve_graph(POINTS[:2]), ValueError, "closed curve needs at least 3"),
     (lambda: gr.curve_graph(POINTS[:1], closed=False), ValueError, "open curve needs at least 2"),
-    (lambda: gr.knn_graph(POINTS, 0), ValueError, "at least 1"),
+    (lambda: gr.knn_graph(POINTS, 0), ValueError, ">= 1"),
     (lambda: gr.knn_graph(POINTS, 2.5), TypeError, "k must be an integer"),
     (lambda: gr.knn_graph(POINTS, 2, symmetrize="mean"), ValueError, "symmetrize must be"),
     (lambda: gr.knn_graph(POINTS, 2, reach=0), ValueError, "reach must be > 0"),
