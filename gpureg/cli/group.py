@@ -16,6 +16,15 @@ from .._version import __version__
 from ..doors import without_names
 from ..jobs.batch import FAILURES, sentence
 
+# Options that had another name before.
+RENAMED = {
+    "--free-ends": "--no-keep-ends",
+    "--function": "--filter",
+    "--merge": "--merge-tol",
+    "--nearest": "--k",
+    "--patch-std": "--patch-sigma",
+}
+
 
 class _Failure(click.ClickException):
     """The work failed: one sentence, exit code 1."""
@@ -51,6 +60,9 @@ class _Group(click.Group):
             click.echo("gpureg: interrupted, nothing was written", err=True)
             sys.exit(130)
         except click.ClickException as error:
+            if isinstance(error, click.NoSuchOption) and error.option_name in RENAMED:
+                old = error.option_name
+                error = click.UsageError(f"{old} is called {RENAMED[old]} now", error.ctx)
             error.show()
             sys.exit(error.exit_code)
         except OSError as error:

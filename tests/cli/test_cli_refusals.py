@@ -11,6 +11,8 @@ from commands import call, denoise, done, failed, noisy_picture, process
 from refusing import WITHOUT_DEVICES, refused
 from users import needs_users, no_root
 
+from gpureg.cli import main
+from gpureg.cli.group import RENAMED
 from gpureg.files.pictures import read_picture, write_picture
 
 
@@ -227,3 +229,12 @@ def test_numpy_alone_is_enough(noisy):
     assert table.returncode == 0, table.stderr
     for word in ("gpureg[opencl]", "gpureg[warp]", "auto takes numpy"):
         assert word in table.stdout
+
+
+@pytest.mark.parametrize(("old", "new"), sorted(RENAMED.items()))
+def test_an_old_option_gets_its_new_name(old, new, tmp_path):
+    command = {"--merge": "simplify", "--free-ends": "curve", "--function": "curve"}.get(old, "denoise")
+    result = call(command, "in.png", tmp_path / "out.png", old, "1")
+    assert result.exit_code == 2
+    assert f"Error: {old} is called {new} now" in result.stderr
+    assert new in {option for each in main.commands[command].params for option in (*each.opts, *each.secondary_opts)}
