@@ -19,7 +19,7 @@ SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mean", "mutual")
 # The end of each error message about a directed graph or a repeated edge.
 SYMMETRIZE_MENDS = (
     'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph '
-    "mends that"
+    "joins these edges"
 )
 
 

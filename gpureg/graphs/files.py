@@ -94,7 +94,7 @@ def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = 
             matrix, weighted, positions = _read_npz(file) if kind == ".npz" else _read_mtx(file, kind == ".mtx.gz")
         except _DAMAGE as error:
             what = "NumPy archive of a graph" if kind == ".npz" else "Matrix Market file"
-            raise ValueError(f"{path} is damaged or no {what}: {error}") from error
+            raise ValueError(f"{path} is damaged or not a {what}: {error}") from error
     try:
         graph = Graph.from_scipy(matrix, symmetrize=symmetrize, positions=positions)
     except (TypeError, ValueError) as error:
@@ -117,9 +117,9 @@ def _read_mtx(file: BinaryIO, packed: bool) -> tuple[Any, bool, None]:
     start = head.end() if head else 0
     stray = data[start:].translate(None, _IN_NUMBERS)
     if stray:
-        raise ValueError(f"there are characters of no number in it, {stray[:10]!r} for one")
+        raise ValueError(f"it contains characters that are not part of a number: {stray[:10]!r}")
     if _BARE_EXPONENT.search(data, start):
-        raise ValueError("there is a number in it whose exponent is cut off")
+        raise ValueError("it contains a number whose exponent is cut off")
     return mmread(io.BytesIO(data)), field != "pattern", None
 
 
@@ -129,7 +129,7 @@ def _read_npz(file: BinaryIO) -> tuple[Any, bool, FloatArray | None]:
 
     # Without this check numpy treats another file as a pickle, with a misleading message.
     if not zipfile.is_zipfile(file):
-        raise ValueError("it is no zip archive")
+        raise ValueError("it is not a zip archive")
     file.seek(0)
     with np.load(file, allow_pickle=False) as archive:
         names = set(archive.files)
@@ -162,7 +162,7 @@ def _csr(data: npt.NDArray[Any], indices: npt.NDArray[Any], indptr: npt.NDArray[
     from scipy import sparse
 
     if data.shape != indices.shape:
-        raise ValueError(f"{data.size} weights do not fit {indices.size} indices")
+        raise ValueError(f"the number of weights, {data.size}, is not the number of indices, {indices.size}")
     if any(array.dtype.kind not in "iu" for array in (indices, indptr, shape)):
         raise ValueError("indices, indptr and shape must hold integers")
     return sparse.csr_array((data, indices, indptr), shape=tuple(shape.tolist()))

@@ -116,7 +116,7 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     choice("across", across, ("edge", "vertex"))
     n_faces, k = corners.shape
     if n_faces == 0:
-        raise ValueError("there is no face to make a graph of")
+        raise ValueError("faces is empty: there is no face to make a graph from")
     middles = positions[corners].mean(axis=1)
     if across == "vertex":
         at = (np.repeat(np.arange(n_faces), k), corners.ravel())
@@ -212,7 +212,7 @@ def ring_graph(graph: StoredLike, rings: int) -> Graph:
     from scipy import sparse
 
     if isinstance(graph, GridGraph):
-        raise TypeError("graph must be a Graph, got a GridGraph: give that a radius")
+        raise TypeError("graph must be a Graph, got a GridGraph: give the grid a larger radius")
     graph, rings = as_stored(graph), integer("rings", rings, low=1)
     n = graph.n_vertices
     A = sparse.csr_array((np.ones(graph.n_edges, bool), graph.indices, graph.indptr), shape=(n, n))

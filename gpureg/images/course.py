@@ -53,7 +53,7 @@ class Course:
         search = cast("LamMethod", asked["lam"]) if isinstance(asked["lam"], str) else None
         if search is not None and (asked["guide"] is not None or asked["norm"] != "vertex"):
             raise ValueError(
-                f"the search lam={search!r} looks at the vertex norm and weights without a guide: give lam a number"
+                f"the search lam={search!r} needs norm='vertex' and weights without a guide: give lam a number"
             )
         plain = asked["p"] in (None, 2)
         by_rule = asked["lam"] is None or search is not None

@@ -29,7 +29,7 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
         Standard deviation of the noise in the image's units, or one per pixel; None estimates it
         (:func:`gpureg.estimate_noise`).
     p : float, optional
-        Degree of regularity > 0; None takes 2.
+        Degree of regularity > 0; None means 2.
     lam : float, array or str, optional
         Fidelity >= 0, a number or one value per pixel: a larger value stays closer to the image. "discrepancy", "sure"
         and "j-invariance" search for it (:mod:`gpureg.tuning`), in 5 to 15 runs. None means a rule.
@@ -117,8 +117,7 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     raster = Raster.of(image, asked["channel_axis"], asked["mask"])
     if isinstance(asked["lam"], str) and any(not _is_usual(name, asked[name]) for name in _UNSEEN):
         raise ValueError(
-            f"the search lam={asked['lam']!r} looks at the model with {', '.join(_UNSEEN)} as they are by default: "
-            "give lam a number"
+            f"the search lam={asked['lam']!r} needs the default values of {', '.join(_UNSEEN)}: give lam a number"
         )
     plan = plan_denoising(raster, **cast("Choice", {name: asked[name] for name in CHOICE}))
     run = {name: asked[name] for name in RUN_PLAN}

@@ -66,7 +66,7 @@ def fidelity_of(
     if idle:
         return Fidelity(math.inf, 0, tol, start), why
     if lam is None and noise.level == 0 and (course.search is not None or not course.filters):
-        raise ValueError("without noise there is nothing to choose lam from: give it")
+        raise ValueError("without noise there is nothing to choose lam from: give lam a number")
     if course.filters:
         start = of_weights
     else:

@@ -81,7 +81,7 @@ class Raster:
             channel_axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
         raster = cls(array, None, channel_axis)
         if raster.ndim < 2:
-            raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
+            raise ValueError(f"image must have two or more axes without the channels, got shape {array.shape}")
         if not array.size:
             raise ValueError(f"image is empty, shape {array.shape}")
         known = raster.cells

@@ -56,10 +56,10 @@ def solve(
     process: dict[str, Any] = {"p": plan.p, "max_iter": plan.max_iter, "tol": plan.tol, **options}
     once = _fits(plan, options)
     if (plan.average_patches or plan.centre == "largest") and not once:
-        what = "patches are averaged" if plan.average_patches else "a centre as heavy as the largest weight counts"
+        what = "average_patches" if plan.average_patches else "centre='largest'"
         raise ValueError(
-            f"{what} in one plain sweep at p = 2 on a grid alone, without a callback, tol, another norm, gamma or "
-            "solver; dataclasses.replace(plan, average_patches=False, centre='once') leaves it out"
+            f"{what} needs one sweep at p = 2 on a grid, without callback, tol and another norm, gamma or solver; "
+            "dataclasses.replace(plan, average_patches=False, centre='once') removes it"
         )
     if plan.k is not None:
         nodes = as_function(grid, f0, "image")

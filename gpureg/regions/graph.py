@@ -73,7 +73,7 @@ class RegionGraph(Graph):
         array = np.asarray(values, np.float64)
         if array.ndim not in (1, 2) or len(array) != self.n_vertices:
             raise ValueError(
-                f"values must be one, or one row, for each of {self.n_vertices} regions, got {array.shape}"
+                f"values must have one value or one row for each of {self.n_vertices} regions, got {array.shape}"
             )
         array = array.reshape(len(array), -1)
         difference = array[self.indices] - array[self.edge_rows()]
@@ -141,7 +141,7 @@ def region_graph(
         integer("background", background)
     rings = integer("rings", rings, low=1)
     sides = np.array(checked_spacing(spacing, image.ndim) or (1.0,) * image.ndim)
-    offsets = GridGraph(image.shape, 1, metric).forward_offsets  # neighbours whatever the sizes of cells
+    offsets = GridGraph(image.shape, 1, metric).forward_offsets  # the neighbours do not depend on the spacing
     numbers, index = _numbered(image, background)
     k = len(numbers)
     keys, areas = [], []

@@ -261,7 +261,7 @@ class Regions:
             raise TypeError(f"lam must be a list of numbers, each smaller than the one before, got {lam!r}")
         steps = [number("lam", step, low=0) for step in lam]
         if not steps or any(b >= a for a, b in itertools.pairwise(steps)):
-            raise ValueError(f"lam must fall, one after another, got {steps}")
+            raise ValueError(f"lam must decrease from one value to the next, got {steps}")
         levels, current = [], self
         for step in steps:
             current = current.regularized(lam=step, **options).merged(merge_tol)

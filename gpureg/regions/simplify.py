@@ -147,7 +147,7 @@ def simplify_image(
     with _timed(seconds, "partition"):
         labels = energy_partition(seen, grid, seeds, compactness=compactness, backend=backend)
     if raster.inside is not None and (labels[raster.inside] < 0).any():
-        raise ValueError("the markers reach only a part of the mask: give each of its pieces a marker")
+        raise ValueError("the markers reach only a part of the mask: give each connected part a marker")
     with _timed(seconds, "graph"):
         adjacency: dict[str, Any] = {"metric": metric, "spacing": spacing, "rings": rings}
         graph = region_graph(labels, **adjacency)

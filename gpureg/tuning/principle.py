@@ -116,7 +116,7 @@ def discrepancy(
     """
     for name in ("lam", "initial"):
         if name in settings:
-            raise TypeError(f"{name} is what is looked for, or part of the search: leave it out")
+            raise TypeError(f"{name} is set by the search: leave it out")
     graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     data = as_function(graph, f0, "f0")
     inside = graph.mask.ravel() if isinstance(graph, GridGraph) and graph.mask is not None else None

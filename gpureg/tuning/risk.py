@@ -89,7 +89,9 @@ def sure(
     try:
         variance = np.broadcast_to(noise.astype(np.float64) ** 2, values.shape)
     except ValueError:
-        raise ValueError(f"sigma must be a number or fit shape {values.shape}, got shape {noise.shape}") from None
+        raise ValueError(
+            f"sigma must be a number or broadcast to shape {values.shape}, got shape {noise.shape}"
+        ) from None
     if inside is not None:
         variance = variance[inside]
     if not np.isfinite(variance).all() or (noise < 0).any():
@@ -207,7 +209,7 @@ def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int
     if not np.isfinite(_of(values, inside)).all():
         raise ValueError("image must be finite; a mask can leave pixels out")
     if not _of(values, inside).size:
-        raise ValueError("image is empty, or the mask leaves nothing of it")
+        raise ValueError("image is empty, or the mask is False everywhere")
     return values, inside
 
 
@@ -219,10 +221,10 @@ def _denoised(denoise: Denoiser, values: Values, where: Inside) -> npt.NDArray[n
     """Return the checked result of a denoiser at some pixels, in float64."""
     value = np.asarray(denoise(values))
     if value.shape != values.shape:
-        raise ValueError(f"the denoiser must give the shape it is given, {values.shape}, got {value.shape}")
+        raise ValueError(f"the denoiser must return an array of shape {values.shape}, got {value.shape}")
     chosen: npt.NDArray[np.float64] = _of(value, where).astype(np.float64)
     if not np.isfinite(chosen).all():
-        raise ValueError("the denoiser gave values that are not finite")
+        raise ValueError("the denoiser returned values that are not finite")
     return chosen
 
 

@@ -97,8 +97,8 @@ class EdgeWeights(Weights):
             values = self._of_stored(graph, f0)
             if values.size and (largest := float(values.max())) > np.finfo(backend.dtype).max:
                 raise ValueError(
-                    f"the largest weight, {largest:.3g}, is beyond {np.dtype(backend.dtype)}: join vertices that all "
-                    "but coincide, rescale, or use dtype=float64"
+                    f"the largest weight, {largest:.3g}, is beyond {np.dtype(backend.dtype)}: join vertices at nearly "
+                    "the same position, rescale, or use dtype=float64"
                 )
             return backend.prepare(graph, values)
         half = np.zeros((graph.half_window, *graph.shape), backend.dtype)

@@ -91,7 +91,7 @@ class InverseDistance(EdgeWeights):
         distance = np.sqrt(_squared_lengths(graph, u, v))
         if distance.size and not distance.min() > 0:
             k = int(np.argmin(distance))
-            raise ValueError(f"vertices {u[k]} and {v[k]} lie on the same point: 1/distance has no value there")
+            raise ValueError(f"vertices {u[k]} and {v[k]} lie at the same point: 1/distance is infinite")
         weights: FloatArray = distance**-self.power
         return weights
 

@@ -29,7 +29,7 @@ class Cotangent(EdgeWeights):
         from scipy import sparse
 
         if not isinstance(graph, Graph) or graph.positions is None:
-            raise ValueError("cotangent weights need a graph that knows its positions: gpureg.mesh_graph")
+            raise ValueError("cotangent weights need a graph with positions, as gpureg.mesh_graph makes it")
         n = graph.n_vertices
         faces = checked_faces(self.faces, n)
         at = [graph.positions[faces[:, k]] for k in range(3)]
