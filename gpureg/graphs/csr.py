@@ -192,9 +192,9 @@ class Graph:
         matrix : (n, n) sparse array or matrix
             Of any format; also a dense array, in which zeros are not edges.
         symmetrize : {"max", "mean", "mutual"}, optional
-            How a matrix A is made symmetric that is not, or that has duplicate entries (in COO format). With None it is
-            an error. Of all entries at (u, v) and (v, u), "max" uses the largest; "mean" half the sum, which is
-            ``(A + A.T) / 2``; "mutual" the smallest, and no edge if one place has no entry.
+            How to join entries if the matrix A is not symmetric or has duplicate entries (in COO format), which is an
+            error with None. Of all entries at (u, v) and (v, u), "max" uses the largest; "mean" half the sum, as in
+            ``(A + A.T) / 2``; "mutual" the smallest, and no edge if (u, v) or (v, u) has no entry.
         positions : (n, d) float array, optional
             Coordinates of the vertices.
 

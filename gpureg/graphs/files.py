@@ -105,7 +105,7 @@ def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = 
 
 
 def _read_mtx(file: BinaryIO, packed: bool) -> tuple[Any, bool, None]:
-    """The matrix, whether it has weights, and no positions."""
+    """Return the matrix, whether it has weights, and None for positions."""
     from scipy.io import mminfo, mmread
 
     data = file.read()

@@ -59,7 +59,7 @@ class Raster:
         mask : bool array, optional
             True where a cell takes part, in the shape of the image without its channels.
         axes_known : bool, default False
-            Whether it is certain that the last axis is not one of channels: then there is no warning.
+            Whether the axis of channels is already known: then there is no warning.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Raster:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape of the grid: that of the image without its channels."""
+        """The shape of the grid, i.e. of the image without its channels."""
         return self.cells.shape[:-1]
 
     @property

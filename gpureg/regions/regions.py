@@ -147,8 +147,8 @@ class Regions:
             Maximum number of iterations.
         weights : {"similarity", "constant", "border"}, Weights or array, default "similarity"
             "similarity" is w2^0 of the paper, exp(-|f(u) - f(v)|^2 / h^2) of the models. "border" is the length of
-            borders to the power of 2/p: with norm="edge" the smoothness is then that of the image of the values. Or an
-            object of :mod:`gpureg.weights`, with regions at their centroids, or one value per stored directed edge.
+            borders to the power of 2/p: with norm="edge" the smoothness is then the smoothness of the whole image. Or
+            an object of :mod:`gpureg.weights`, with regions at their centroids, or one value per stored directed edge.
         h : float, optional
             Parameter of "similarity", in the image's units. None means twice the median distance of neighbouring
             models.

@@ -166,7 +166,7 @@ def j_invariance(
     >>> round(j_invariance(lambda y: 0 * y, noisy, every=True), 1)  # no error, and the noise of 3.9
     3.9
     """
-    integer("stride", stride, low=2)  # of 1, a hidden pixel has no neighbour that is shown
+    integer("stride", stride, low=2)  # with 1, all neighbours of a hidden pixel are hidden
     every = flag("every", every)
     values, inside = _checked(image, mask, channel_axis)
     axes = [axis for axis in range(values.ndim) if channel_axis is None or axis != channel_axis % values.ndim]

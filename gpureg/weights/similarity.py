@@ -272,7 +272,7 @@ def recomputed(weights: Weights) -> Weights:
 
     Notes
     -----
-    The values are the same as those of stored weights. On OpenCL the memory is a few functions on the vertices, for any
-    window; on numpy, the reference backend, the weights are stored.
+    The values are equal to stored weights. On OpenCL a job then needs memory only for a few functions on the vertices,
+    for any window; on numpy, the reference backend, the weights are stored.
     """
     return Held(_patch_weights_for(weights, "recomputed"), "none")
