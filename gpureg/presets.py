@@ -1,14 +1,13 @@
-"""Other libraries' filters, to their rounding: the same names of parameters, computed by :mod:`gpureg.images.one_step`.
+"""Filters with the parameters and results of OpenCV, scikit-image and gputools.
 
-A way to move here from OpenCV, scikit-image or gputools, and a check of both sides. How near each comes is said in its
-Notes and checked by ``tests/images/test_presets.py``. Where a peer's mapping has to be known in other terms: with the
-paper's w1 and w2 and lam = 2 (the centre counted once),
+The Notes of each function give the difference to the original, which ``tests/images/test_presets.py`` checks. In terms
+of the paper's w1 and w2, with lam = 2 (weight 1 for the pixel itself), the filters are
 
 ==================  =============================================================================
 OpenCV's bilateral  sigma_X^2 = 2 sigmaColor^2, sigma_P^2 = 2 sigmaSpace^2, disk, "reflect"
 OpenCV's NLM        flat patch of s = side^2 pixels, h^2 = s H^2, "reflect", weights under 0.001 are 0
 scikit-image's NLM  (slow mode) Gaussian patch a = (side - 1)/4, h = H, "clip", weights under exp(-5) are 0
-gputools            w1 as it stands, square, "nearest"; flat patch, h^2 = s H^2, "nearest"
+gputools            w1 unchanged, square, "nearest"; flat patch, h^2 = s H^2, "nearest"
 ==================  =============================================================================
 """
 
@@ -28,7 +27,7 @@ from .images.raster import Raster
 
 __all__ = ["gputools_bilateral", "gputools_nl_means", "opencv_bilateral", "opencv_nl_means", "skimage_nl_means"]
 
-# Weights that OpenCV and scikit-image drop.
+# Weights below which OpenCV and scikit-image use 0.
 _OPENCV_CUT, _SKIMAGE_CUT = 1e-3, math.exp(-5)
 
 
@@ -36,18 +35,18 @@ _OPENCV_CUT, _SKIMAGE_CUT = 1e-3, math.exp(-5)
 def opencv_bilateral(
     image: npt.ArrayLike, d: int, sigma_color: float, sigma_space: float, **settings: Any
 ) -> npt.NDArray[Any]:
-    """OpenCV's ``bilateralFilter(src, d, sigmaColor, sigmaSpace)`` of a grey picture, border reflect-101.
+    """Filter a grey image as OpenCV's ``bilateralFilter(src, d, sigmaColor, sigmaSpace)``, border reflect-101.
 
     Parameters
     ----------
     image : (H, W) array
-        8 bits or float32 in OpenCV; any here.
+        Any type; OpenCV has 8 bits and float32.
     d : int
-        Diameter of the window, a disk; not positive: from `sigma_space`.
+        Diameter of the window, a disk; if it is not positive, it is computed from `sigma_space`.
     sigma_color, sigma_space : float
-        Standard deviations; where one is not above 1.2e-7 the picture comes back as it is, as in OpenCV 5.
+        Standard deviations. If one is not above 1.2e-7 the image does not change, as in OpenCV 5.
     **settings
-        backend, dtype, mask and what else :func:`gpureg.denoise_bilateral` takes.
+        backend, dtype, mask and other options of :func:`gpureg.denoise_bilateral`.
 
     Returns
     -------
@@ -57,12 +56,12 @@ def opencv_bilateral(
     Raises
     ------
     ValueError
-        Channels: OpenCV adds up the absolute differences of colours, which no weight of the paper does;
-        :func:`gpureg.denoise_bilateral` compares them by their Euclidean distance.
+        An image with channels. OpenCV adds the absolute differences of colours, unlike the weights of the paper;
+        :func:`gpureg.denoise_bilateral` compares colours by their Euclidean distance.
 
     Notes
     -----
-    Within 1e-5 of the range on float32, one grey level on 8 bits.
+    The difference to OpenCV is at most 1e-5 of the range on float32, and one grey level on 8 bits.
     """
     d, sigma_color, sigma_space = (
         integer("d", d),
@@ -94,20 +93,20 @@ def opencv_nl_means(
     channel_axis: int | None = None,
     **settings: Any,
 ) -> npt.NDArray[Any]:
-    """OpenCV's ``fastNlMeansDenoising(src, None, h, templateWindowSize, searchWindowSize)``.
+    """Denoise as OpenCV's ``fastNlMeansDenoising(src, None, h, templateWindowSize, searchWindowSize)``.
 
     Parameters
     ----------
     image : array
-        8 bits in OpenCV; any here.
+        Any type; OpenCV has 8 bits.
     h : float, default 3
         Filtering parameter of the root mean square difference of patches.
     template_window_size, search_window_size : int, default 7 and 21
-        Sides of patch and window; even ones count as the next odd one.
+        Sides of patch and window; an even value means the next odd one.
     channel_axis : int, optional
-        OpenCV takes 1 to 4 channels.
+        The axis of the channels; OpenCV has 1 to 4 channels.
     **settings
-        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+        backend, dtype, mask and other options of :func:`gpureg.denoise_nl_means`.
 
     Returns
     -------
@@ -116,8 +115,8 @@ def opencv_nl_means(
 
     Notes
     -----
-    Within one grey level of OpenCV on 8-bit pictures. Its integers take distances in steps of 64/49 and weights in
-    steps of 1/19,000; what they leave is less than a rounding.
+    The difference to OpenCV is at most one grey level on 8-bit images. OpenCV rounds distances to steps of 64/49 and
+    weights to steps of 1/19,000, which changes the result by less than one level.
     """
     h = number("h", h, above=0)
     patch = integer("template_window_size", template_window_size, low=1) // 2
@@ -145,19 +144,19 @@ def skimage_nl_means(
     channel_axis: int | None = None,
     **settings: Any,
 ) -> npt.NDArray[Any]:
-    """scikit-image's ``denoise_nl_means(..., fast_mode=False, preserve_range=True)``.
+    """Denoise as scikit-image's ``denoise_nl_means(..., fast_mode=False, preserve_range=True)``.
 
     Parameters
     ----------
     image : array
-        2 or 3 axes besides the channels.
+        Two or three axes, not counting the channels.
     patch_size, patch_distance : int, default 7 and 11
-        Side of a patch (an even one counts as the next odd one), and reach of the window.
+        Side of a patch (an even value means the next odd one), and radius of the window.
     h, sigma : float, default 0.1 and 0
         Filtering parameter and noise, as in scikit-image.
     channel_axis : int, optional
     **settings
-        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+        backend, dtype, mask and other options of :func:`gpureg.denoise_nl_means`.
 
     Returns
     -------
@@ -166,7 +165,7 @@ def skimage_nl_means(
 
     Notes
     -----
-    scikit-image approximates the exponential by shifting bits, some percent off; what that leaves is held by the test.
+    scikit-image approximates the exponential by shifting bits, with an error of some percent.
     """
     radius = integer("patch_size", patch_size, low=0) // 2
     h = number("h", h, above=0)
@@ -188,18 +187,18 @@ def skimage_nl_means(
 def gputools_bilateral(
     image: npt.ArrayLike, size_filter: int, sigma_p: float, sigma_x: float = 10.0, **settings: Any
 ) -> npt.NDArray[Any]:
-    """Gputools' ``bilateral2(data, fSize, sigma_p, sigma_x)`` and ``bilateral3``: the paper's w1 as it stands.
+    """Filter as gputools' ``bilateral2(data, fSize, sigma_p, sigma_x)`` and ``bilateral3``: the paper's w1.
 
     Parameters
     ----------
     image : array of 2 or 3 axes
-        float32 in gputools; any here.
+        Any type; gputools has float32.
     size_filter : int
-        Reach of the square window.
+        Radius of the square window.
     sigma_p, sigma_x : float
-        Widths of the value's and the distance's Gaussian, without the factor 1/2.
+        Widths of the Gaussians of values and of distances, without the factor 1/2.
     **settings
-        backend, dtype, mask and what else :func:`gpureg.denoise_bilateral` takes.
+        backend, dtype, mask and other options of :func:`gpureg.denoise_bilateral`.
 
     Returns
     -------
@@ -208,7 +207,7 @@ def gputools_bilateral(
 
     Notes
     -----
-    Within 1e-5 of the range on float32.
+    The difference to gputools is at most 1e-5 of the range on float32.
     """
     radius = integer("size_filter", size_filter, low=1)
     sigma_p, sigma_x = number("sigma_p", sigma_p, above=0), number("sigma_x", sigma_x, above=0, finite=False)
@@ -221,18 +220,18 @@ def gputools_bilateral(
 def gputools_nl_means(
     image: npt.ArrayLike, sigma: float, size_filter: int = 2, size_search: int = 3, **settings: Any
 ) -> npt.NDArray[Any]:
-    """Gputools' ``nlm2(data, sigma, size_filter, size_search)`` and ``nlm3``.
+    """Denoise as gputools' ``nlm2(data, sigma, size_filter, size_search)`` and ``nlm3``.
 
     Parameters
     ----------
     image : array of 2 or 3 axes
-        float32 in gputools; any here.
+        Any type; gputools has float32.
     sigma : float
         Filtering parameter of the root mean square difference of patches.
     size_filter, size_search : int, default 2 and 3
         Radii of patch and window.
     **settings
-        backend, dtype, mask and what else :func:`gpureg.denoise_nl_means` takes.
+        backend, dtype, mask and other options of :func:`gpureg.denoise_nl_means`.
 
     Returns
     -------
@@ -241,8 +240,8 @@ def gputools_nl_means(
 
     Notes
     -----
-    Within 1e-5 of the range on float32, further than size_filter + size_search from the border; nearer gputools repeats
-    the edge of its maps of distances, where the distances of patches over the border would be.
+    The difference to gputools is at most 1e-5 of the range on float32, further than size_filter + size_search from the
+    border. Nearer, gputools repeats the edge of its distance maps instead of computing distances across the border.
     """
     sigma, size_filter = number("sigma", sigma, above=0), integer("size_filter", size_filter, low=0)
     return denoise_nl_means(
@@ -256,7 +255,7 @@ def gputools_nl_means(
 
 
 def axes_and_channels(image: npt.ArrayLike, channel_axis: int | None) -> tuple[int, int]:
-    """The axes of an image's grid, and its channels."""
+    """Return the number of axes of an image's grid, and of its channels."""
     shape = np.shape(image)
     if channel_axis is None:
         return len(shape), 1
@@ -264,13 +263,11 @@ def axes_and_channels(image: npt.ArrayLike, channel_axis: int | None) -> tuple[i
 
 
 def _flat(image: npt.ArrayLike, H: float, patch_radius: int, channel_axis: int | None) -> float:
-    """The h of w2 from that of a root mean square difference over a flat patch."""
+    """Return the h of w2 for a parameter H of the root mean square difference of flat patches."""
     axes, channels = axes_and_channels(image, channel_axis)
     return H * math.sqrt(channels * (2 * patch_radius + 1) ** axes)
 
 
 def _only_grey(image: npt.ArrayLike, settings: dict[str, Any], why: str) -> None:
     if np.ndim(image) != 2 or settings.get("channel_axis") is not None:
-        raise ValueError(
-            f"OpenCV's filter is reproduced for grey pictures, (H, W), alone: {why}; see denoise_bilateral"
-        )
+        raise ValueError(f"image must be grey, shape (H, W): {why}; see denoise_bilateral")

@@ -1,9 +1,9 @@
-"""scikit-image's denoisers under their own names and signatures: change one import.
+"""Denoisers with the names and signatures of scikit-image: change one import.
 
     from gpureg.skimage import denoise_nl_means, denoise_bilateral, denoise_tv_chambolle
 
-As there, integer images become floats in 0..1 (unless `preserve_range`), and parameters are in these units. Where
-scikit-image's code departs from its documentation, these compute what the documentation says, and say so.
+As in scikit-image, integer images become floats in 0..1 (unless `preserve_range`), and parameters are in these units.
+Where scikit-image's code differs from its documentation, these functions follow the documentation; see their Notes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .solvers import Check
 
 __all__ = ["denoise_bilateral", "denoise_nl_means", "denoise_tv_chambolle"]
 
-# numpy.pad's names for borders, which scikit-image uses, and ours.
+# Names of borders in numpy.pad and scikit-image, and in gpureg.
 _BORDERS: dict[str, Border] = {
     "constant": "constant",
     "edge": "nearest",
@@ -37,7 +37,7 @@ _BORDERS: dict[str, Border] = {
 
 
 def _as_float(image: npt.ArrayLike, preserve_range: bool = False) -> npt.NDArray[Any]:
-    """A float image as ``skimage.util.img_as_float`` makes it: integers become shares of the most they can be."""
+    """Convert to float as ``skimage.util.img_as_float`` does: integers are divided by the largest value of the type."""
     array = np.asarray(image)
     if array.dtype.kind == "f":
         return array.astype(np.float32) if array.dtype == np.float16 else array
@@ -62,22 +62,22 @@ def denoise_nl_means(
     channel_axis: int | None = None,
     **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
-    """``skimage.restoration.denoise_nl_means``, on any device, in one run for every mode.
+    """Denoise an image as ``skimage.restoration.denoise_nl_means``, on any device.
 
     Parameters
     ----------
     image : array
-        2 or more axes besides the channels; more than scikit-image takes in its slow mode.
+        Two or more axes, not counting the channels; scikit-image has a limit in its slow mode.
     patch_size, patch_distance : int, default 7 and 11
-        Side of a patch (an even one counts as the next odd one), and reach of the window.
+        Side of a patch (an even value means the next odd one), and radius of the window.
     h : float, default 0.1
         Cut-off of the root mean square difference of patches.
     fast_mode : bool, default True
-        Flat patches; False weights them by a Gaussian of standard deviation (patch_size - 1)/4.
+        True means flat patches, False Gaussian ones of standard deviation (patch_size - 1)/4.
     sigma : float, default 0
-        Standard deviation of the noise, whose share is taken off the distances.
+        Standard deviation of the noise: 2 sigma^2 is subtracted from each squared difference.
     preserve_range : bool, default False
-        Leave integers as they are, instead of making 0..1 of them.
+        Do not scale integers to 0..1.
     channel_axis : int, optional
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.denoise_image`.
@@ -99,10 +99,10 @@ def denoise_nl_means(
 
     Notes
     -----
-    Documented there: patches of patch_size x patch_size. Its fast mode sums (patch_size - 1)^2 pixels, off centre, and
-    divides by patch_size^2 (issue #5177 asks why the modes differ); here the patch is whole. Its slow mode approximates
-    the exponential; here it is exact. Its fast mode pads by reflection and lets padded pixels vote, as here; the slow
-    one does not.
+    scikit-image documents patches of patch_size x patch_size, but its fast mode sums (patch_size - 1)^2 pixels, off
+    centre, and divides by patch_size^2 (issue #5177 asks why the modes differ); here the patch is complete. Its slow
+    mode approximates the exponential; here it is exact. In both libraries the fast mode pads by reflection and averages
+    padded pixels too; the slow mode does not.
     """
     array = _as_float(image, flag("preserve_range", preserve_range))
     h = number("h", h, above=0)
@@ -138,23 +138,23 @@ def denoise_bilateral(
     channel_axis: int | None = None,
     **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
-    """``skimage.restoration.denoise_bilateral``, for any number of axes and channels.
+    """Denoise an image as ``skimage.restoration.denoise_bilateral``, with any number of axes and channels.
 
     Parameters
     ----------
     image : array
     win_size : int, optional
-        Side of the square window; None takes max(5, 2 ceil(3 sigma_spatial) + 1).
+        Side of the square window. None means max(5, 2 ceil(3 sigma_spatial) + 1).
     sigma_color : float, optional
-        Standard deviation of the values' Gaussian; None takes that of the image.
+        Standard deviation of the Gaussian of values. None means the standard deviation of the image.
     sigma_spatial : float, default 1
-        Standard deviation of the distances' Gaussian.
+        Standard deviation of the Gaussian of distances.
     bins : int, default 10000
-        Not used: the exponential is computed, not looked up.
+        Not used: there is no table of the exponential.
     mode : {"constant", "edge", "symmetric", "reflect", "wrap"}, default "constant"
-        What lies beyond the border.
+        Values beyond the border.
     cval : float, default 0
-        The value there for "constant".
+        The value beyond the border for "constant".
     channel_axis : int, optional
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.denoise_image`.
@@ -176,8 +176,8 @@ def denoise_bilateral(
 
     Notes
     -----
-    Documented there: a Gaussian of the Euclidean distance between two pixels. Its code reads a table of such Gaussians
-    with the wrong stride, so that the kernel is skewed: 0.06 to 0.5 off on camera in 0..1. Here it is round.
+    scikit-image documents a Gaussian of the Euclidean distance between two pixels. Its code reads a table of Gaussians
+    with the wrong stride, which skews the kernel: errors of 0.06 to 0.5 on camera in 0..1. Here the kernel is round.
     """
     choice("mode", mode, _BORDERS)
     integer("bins", bins)
@@ -186,7 +186,7 @@ def denoise_bilateral(
     side = max(5, 2 * math.ceil(3 * sigma_spatial) + 1) if win_size is None else integer("win_size", win_size, low=1)
     color = float(array.std()) if sigma_color is None else number("sigma_color", sigma_color, low=0)
     if color == 0:
-        return array.copy()  # a constant image, the same whatever its weights
+        return array.copy()  # a constant image does not change
     return _bilateral(
         array,
         radius=max(side // 2, 1),
@@ -209,7 +209,7 @@ def denoise_tv_chambolle(
     channel_axis: int | None = None,
     **options: Unpack[Run],
 ) -> npt.NDArray[Any]:
-    """``skimage.restoration.denoise_tv_chambolle`` by eq. 31 at p = 1, for any number of axes.
+    """Denoise an image as ``skimage.restoration.denoise_tv_chambolle``, by eq. 31 at p = 1.
 
     Parameters
     ----------
@@ -217,11 +217,11 @@ def denoise_tv_chambolle(
     weight : float, default 0.1
         Strength of the total variation: 1/lam.
     eps : float, default 2e-4
-        Stop once the energy changes by less than this share of its first value.
+        Stop when the energy changes by less than this share of its first value.
     max_num_iter : int, default 200
-        Iterations at most.
+        Maximum number of iterations.
     channel_axis : int, optional
-        Axis of the channels, each denoised by itself, as there.
+        Axis of the channels, which are denoised separately, as in scikit-image.
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.denoise_image`.
 
@@ -233,7 +233,7 @@ def denoise_tv_chambolle(
     Raises
     ------
     ValueError, TypeError
-        As :func:`gpureg.denoise_tv`, a weight that is not > 0.
+        As :func:`gpureg.denoise_tv`; also a weight that is not > 0.
 
     Warns
     -----
@@ -242,11 +242,10 @@ def denoise_tv_chambolle(
 
     Notes
     -----
-    Minimises sum |grad f| + 1/(2 weight) |f - f0|^2. |grad f| is that of the graph whose edges weigh 1/2: the
-    differences to either side along each axis, whose squares count half, so that it is the length of the gradient,
-    centred, where scikit-image takes forward differences. The results differ by what the discretisation leaves. There
-    the energy lacks the factor 1/2 that the documentation gives it, and the default `eps` stops some percent above the
-    minimum.
+    Minimises sum |grad f| + 1/(2 weight) |f - f0|^2, where |grad f| is the gradient norm on the graph with weights 1/2.
+    It adds the squared differences to both sides along each axis with a factor 1/2: a centred length of the gradient.
+    scikit-image uses forward differences, so that the results differ slightly. Its energy lacks the factor 1/2 of the
+    documentation, and its default `eps` stops some percent above the minimum.
     """
     weight, eps = number("weight", weight, above=0), number("eps", eps, low=0)
     array = _as_float(image)
@@ -260,7 +259,7 @@ def denoise_tv_chambolle(
         return len(energies) > 1 and abs(energies[-2] - energies[-1]) < eps * abs(energies[0])
 
     handed: dict[str, Any] = {**options, "callback": settled}
-    # sqrt(1/2) of every difference is taken out of the norm, which is of degree 1
+    # weights 1/2 scale the norm by sqrt(1/2): weights 1 with lam sqrt(2) times as large have the same minimum
     return _tv(
         array,
         lam=math.sqrt(2) / weight,

@@ -1,4 +1,4 @@
-"""Sources of the energy partition (section 5.2): the places that :func:`gpureg.simplify_image` grows zones from."""
+"""Sources of the energy partition (section 5.2): the places where the zones of :func:`gpureg.simplify_image` start."""
 
 from __future__ import annotations
 

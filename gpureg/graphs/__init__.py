@@ -1,1 +1,1 @@
-"""Weighted graphs: how they are stored, made, read and written."""
+"""Weighted graphs: storage, construction, reading and writing."""

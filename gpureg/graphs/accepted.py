@@ -1,4 +1,4 @@
-"""What public functions take for a graph: ours, sparse matrices of scipy, graphs of networkx."""
+"""Types of graphs that public functions accept: those of gpureg, sparse matrices of scipy, graphs of networkx."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LIBRARIES = "a sparse matrix of scipy or a graph of networkx"
 
 
 class NetworkxGraph(Protocol):
-    """A graph of networkx, of any of its four classes."""
+    """A graph of networkx, of one of its four classes."""
 
     @property
     def nodes(self) -> Mapping[Any, Any]:
@@ -31,29 +31,29 @@ class NetworkxGraph(Protocol):
         """The edges and their attributes."""
 
     def is_directed(self) -> bool:
-        """Whether edges lead one way."""
+        """Return whether edges are directed."""
 
 
 GraphLike: TypeAlias = "AnyGraph | sparse.sparray | sparse.spmatrix | NetworkxGraph"
-"""What public functions take for a graph."""
+"""The types of graphs that public functions accept."""
 
 StoredLike: TypeAlias = "Graph | sparse.sparray | sparse.spmatrix | NetworkxGraph"
-"""The same without grids, for functions that need stored edges."""
+"""The same types without grids, for functions that need stored edges."""
 
 
 def as_graph(graph: GraphLike, *, name: str = "graph", degrees: bool = False) -> AnyGraph:
-    """Take a graph as it was given to a public function.
+    """Convert the argument of a public function to a graph.
 
     Parameters
     ----------
     graph : Graph, GridGraph, (n, n) sparse matrix or array of scipy, or graph of networkx
-        The first two are returned as they are. A matrix must be symmetric, as :meth:`gpureg.Graph.from_scipy` takes
-        it; vertex i of a graph of networkx is the i-th of ``list(graph.nodes)``, as in :func:`gpureg.from_networkx`.
+        The first two are returned unchanged. A matrix must be symmetric, see :meth:`gpureg.Graph.from_scipy`. Vertex i
+        of a graph of networkx is ``list(graph.nodes)[i]``, see :func:`gpureg.from_networkx`.
     name : str, default "graph"
-        The parameter, for errors.
+        Name of the parameter, for error messages.
     degrees : bool, default False
-        Whether the degrees of the vertices matter, in which a loop would count. If not, loops, which a diagonal that is
-        not 0 stands for, are left out with a UserWarning: they change nothing.
+        Whether the function uses the degrees of the vertices, which depend on loops. If not, loops (nonzero diagonal
+        entries of a matrix) have no effect and are removed with a UserWarning.
 
     Returns
     -------
@@ -62,9 +62,9 @@ def as_graph(graph: GraphLike, *, name: str = "graph", degrees: bool = False) ->
     Raises
     ------
     TypeError
-        Anything else.
+        Another type.
     ValueError
-        What is no undirected graph; loops where `degrees` matter.
+        A graph that is not undirected; loops if `degrees` is True.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def as_graph(graph: GraphLike, *, name: str = "graph", degrees: bool = False) ->
 
 
 def as_stored(graph: StoredLike, *, name: str = "graph", degrees: bool = False) -> Graph:
-    """Take a graph whose edges are stored, as :func:`as_graph` does.
+    """Convert the argument of a public function to a graph with stored edges, see :func:`as_graph`.
 
     Raises
     ------
@@ -96,8 +96,8 @@ def as_stored(graph: StoredLike, *, name: str = "graph", degrees: bool = False) 
 
 
 def _of_libraries(graph: Any, name: str, degrees: bool) -> Graph | None:
-    """A graph that another library made, None for anything else."""
-    # Who has such an object has imported its library.
+    """Convert a graph of another library; None for other types."""
+    # Where such an object exists, its library is already imported.
     matrices, networkx = sys.modules.get("scipy.sparse"), sys.modules.get("networkx")
     if matrices is not None and matrices.issparse(graph):
         return Graph.from_scipy(_without_diagonal(graph, name, degrees))
@@ -110,7 +110,7 @@ def _of_libraries(graph: Any, name: str, degrees: bool) -> Graph | None:
 
 
 def _without_diagonal(matrix: Any, name: str, degrees: bool) -> Any:
-    """A sparse matrix as COO without the entries on its diagonal."""
+    """Convert a sparse matrix to COO, without the entries on its diagonal."""
     from scipy import sparse
 
     coo = sparse.coo_array(matrix)
@@ -124,7 +124,7 @@ def _without_diagonal(matrix: Any, name: str, degrees: bool) -> Any:
 
 
 def _leave_out_loops(name: str, found: str, degrees: bool) -> None:
-    """Warn that loops are left out; ValueError where degrees matter."""
+    """Warn that loops are left out; raise a ValueError if degrees are used."""
     if degrees:
         raise ValueError(
             f"{name} has {found}: self-loops are not allowed here, where they would count in the degrees; leave them "
@@ -138,7 +138,7 @@ def _leave_out_loops(name: str, found: str, degrees: bool) -> None:
 
 
 def _levels_to_caller() -> int:
-    """The `stacklevel` of a warning that points at the code that called gpureg, from the function that asks."""
+    """Return the `stacklevel` of the code that called gpureg, for a warning in the calling function."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "gpureg":
         level, frame = level + 1, frame.f_back

@@ -1,4 +1,4 @@
-"""What a graph in compressed sparse row form is checked for when it is made."""
+"""Checks of a graph in compressed sparse row form when it is made."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def checked_rows(
     indices : (n_edges,) int array
         Neighbours, in any order within a row.
     weights : (n_edges,) float array or None
-        One weight per stored directed edge; None for 1 everywhere.
+        One weight per stored directed edge; None means 1.
 
     Returns
     -------
-    indptr, indices : int64 arrays
-        With the neighbours of each vertex in rising order.
+    indptr, indices : (n + 1,) and (n_edges,) int64 arrays
+        The neighbours of each vertex in rising order.
     weights : (n_edges,) float array or None
-        In the same order.
+        Weights in the same order.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def checked_rows(
 
 
 def _expect_symmetric(indptr: IntArray, rows: IntArray, indices: IntArray, weights: FloatArray | None) -> None:
-    """ValueError unless every edge is stored in both directions, with the same weight."""
+    """Check that every edge is stored in both directions with the same weight."""
     from scipy import sparse
 
     n, nnz = len(indptr) - 1, len(indices)
@@ -89,7 +89,7 @@ def _expect_symmetric(indptr: IntArray, rows: IntArray, indices: IntArray, weigh
 
 
 def checked_positions(positions: Any, n: int) -> FloatArray | None:
-    """Coordinates of n vertices as a float64 array (n, d), checked; None stays None."""
+    """Check the coordinates of n vertices, and return them as a float64 array (n, d); None for None."""
     if positions is None:
         return None
     if np.asarray(positions).dtype.kind not in "biuf":

@@ -1,7 +1,7 @@
 """Weighted graphs in compressed sparse row form (:class:`Graph`).
 
-A graph is frozen, and checked once, when it is made. Edges are undirected, each is stored in both directions, and
-there are no self-loops (section 2.1 of the paper).
+A graph is checked when it is made, and is read-only. Edges are undirected, each is stored in both directions, and there
+are no self-loops (section 2.1 of the paper).
 """
 
 from __future__ import annotations
@@ -33,14 +33,13 @@ class Graph:
     indptr : (n + 1,) int array
         Row pointers: the neighbours of vertex u are ``indices[indptr[u]:indptr[u + 1]]``.
     indices : (n_edges,) int array
-        Neighbours. Each undirected edge appears twice, once from either end. Rows are sorted on the way in, and
-        `weights` with them.
+        Neighbours. Each undirected edge appears twice, once from each end. Rows are sorted, and `weights` with them.
     weights : (n_edges,) float array, optional
         One finite weight >= 0 per stored directed edge, the same in both directions. None means 1 everywhere.
     positions : (n, d) float array, optional
-        Coordinates of the vertices; spatial weights such as ``weights.bilateral`` need them.
+        Coordinates of the vertices, needed by spatial weights such as ``weights.bilateral``.
     grid : GridGraph, optional
-        The grid whose vertices these are (row-major); patch weights of radius > 0 need it.
+        The grid with the same vertices (row-major), needed by patch weights of radius > 0.
 
     Raises
     ------
@@ -94,30 +93,30 @@ class Graph:
         positions: npt.ArrayLike | None = None,
         symmetrize: Symmetrize | None = None,
     ) -> Self:
-        """Make a graph of a list of undirected edges, each given once; with `symmetrize`, of any list.
+        """Make a graph from a list of undirected edges, each given once; with `symmetrize`, from any list of edges.
 
         Parameters
         ----------
         edges : (E, 2) or (2, E) int array
-            Pairs of vertices, one per row; or the first vertices and the second ones, as two rows. A (2, 2) array
-            holds a pair per row.
+            Pairs of vertices, one per row; or two rows with the first and the second vertices. A (2, 2) array has one
+            pair per row.
         weights : (E,) float array, optional
             One weight per undirected edge; None means 1 everywhere.
         n_vertices : int, optional
-            Number of vertices; None takes the largest index plus one.
+            Number of vertices; None means the largest index plus one.
         positions : (n, d) float array, optional
             Coordinates of the vertices.
         symmetrize : {"max", "mean", "mutual"}, optional
-            What becomes of directed and repeated edges. None refuses an edge that is listed twice, in either
-            direction. Otherwise the edges are directed, and all those between u and v, either way, make one:
-            "max" takes the largest weight; "mean" half the sum, so that a direction that is missing counts 0 and a
-            pair listed both ways gets the mean; "mutual" the smallest, and no edge where a direction is missing.
-            Edges without weights count 1, and stay without weights where the outcome is 1 everywhere.
+            How directed and repeated edges are joined. With None an edge that is listed twice, in any direction, is an
+            error. Otherwise all edges between u and v, in both directions, become one edge. "max" uses the largest
+            weight; "mean" half the sum, where a missing direction counts 0; "mutual" the smallest weight, and no edge
+            if a direction is missing. Edges without weights count 1; if the result is 1 everywhere, the graph has no
+            weights.
 
         Raises
         ------
         TypeError, ValueError
-            As the class does; also for an edge that is listed twice where `symmetrize` is None.
+            As the class; also an edge that is listed twice if `symmetrize` is None.
 
         Examples
         --------
@@ -126,7 +125,7 @@ class Graph:
                [1. , 0. , 0.5],
                [0. , 0.5, 0. ]])
 
-        Directed edges, of which one has no counterpart:
+        Directed edges, one without an opposite:
 
         >>> directed, weights = [[0, 1], [1, 0], [1, 2]], [1.0, 3.0, 0.5]
         >>> for how in ("max", "mean", "mutual"):
@@ -161,14 +160,14 @@ class Graph:
         return cls(indptr, columns[order], values, None if positions is None else np.asarray(positions))
 
     def to_edges(self) -> tuple[IntArray, FloatArray | None]:
-        """List each undirected edge once, as :meth:`from_edges` takes them together with ``n_vertices``.
+        """List each undirected edge once, in the form for :meth:`from_edges` (with ``n_vertices``).
 
         Returns
         -------
         edges : (E, 2) int array
             Pairs of vertices, the smaller first, in the order of the rows.
         weights : (E,) float array or None
-            One weight per undirected edge; None where all are 1.
+            One weight per undirected edge; None if the graph has no weights.
 
         Examples
         --------
@@ -186,26 +185,26 @@ class Graph:
     def from_scipy(
         cls, matrix: Any, *, symmetrize: Symmetrize | None = None, positions: npt.ArrayLike | None = None
     ) -> Self:
-        """Make the graph whose weight matrix W is a sparse matrix; explicit zeros stay edges.
+        """Make a graph from its weight matrix W, a sparse matrix; explicit zeros are edges.
 
         Parameters
         ----------
         matrix : (n, n) sparse array or matrix
-            Of any format; a dense array is taken too, whose zeros are no edges.
+            Of any format; also a dense array, in which zeros are not edges.
         symmetrize : {"max", "mean", "mutual"}, optional
-            What becomes of a matrix that is not symmetric or has several entries in one place, as COO may; None
-            refuses it. Of all entries at (u, v) and (v, u), "max" takes the largest, "mean" half the sum, which is
-            ``(A + A.T) / 2``, and "mutual" the smallest, with no edge where one of the two has none.
+            How to join entries if the matrix A is not symmetric or has duplicate entries (in COO format), which is an
+            error with None. Of all entries at (u, v) and (v, u), "max" uses the largest; "mean" half the sum, as in
+            ``(A + A.T) / 2``; "mutual" the smallest, and no edge if (u, v) or (v, u) has no entry.
         positions : (n, d) float array, optional
             Coordinates of the vertices.
 
         Raises
         ------
         TypeError
-            What scipy makes no matrix of; complex entries.
+            Not a matrix; complex entries.
         ValueError
-            A matrix that is not square, that has entries on its diagonal (explicit zeros among them), negative or
-            non-finite ones; without `symmetrize` also one that is not symmetric or has several entries in one place.
+            A matrix that is not square, or has diagonal entries (also explicit zeros), negative or non-finite entries;
+            without `symmetrize` also a matrix that is not symmetric or has duplicate entries.
 
         Examples
         --------
@@ -219,7 +218,7 @@ class Graph:
 
         check_symmetrize(symmetrize)
         try:
-            # Not CSR: on the way from COO to it scipy adds up the entries in one place in silence.
+            # Not CSR: scipy adds duplicate entries when it converts COO to CSR.
             coo = sparse.coo_array(matrix)
         except (TypeError, ValueError) as error:
             given = type(matrix).__name__
@@ -236,11 +235,11 @@ class Graph:
         return cls(indptr, columns[order], data[order], None if positions is None else np.asarray(positions))
 
     def to_scipy(self) -> sparse.csr_array:
-        """The weight matrix W as a ``scipy.sparse.csr_array``."""
+        """Convert to the weight matrix W, an (n, n) ``scipy.sparse.csr_array``."""
         from scipy import sparse
 
         data = np.ones(self.n_edges) if self.weights is None else self.weights.copy()
-        # scipy takes the wider of the two types for both, and pays for it in every product.
+        # scipy uses the wider of the two types for both, which makes every product slower.
         kind = self.indices.dtype if self.n_edges < 2**31 else np.int64
         indices, indptr = self.indices.astype(kind), self.indptr.astype(kind)
         return sparse.csr_array((data, indices, indptr), shape=(self.n_vertices,) * 2)
@@ -256,12 +255,12 @@ class Graph:
         return len(self.indices)
 
     def degree(self) -> FloatArray:
-        """Sum of the weights around each vertex, delta_w of section 2.1, shape (n,)."""
+        """Compute the sum of the weights at each vertex, (n,): delta_w of section 2.1."""
         values = np.ones(self.n_edges) if self.weights is None else self.weights
         total: FloatArray = np.zeros(self.n_vertices, np.float64)
         total += np.bincount(self.edge_rows(), weights=values, minlength=self.n_vertices)
         return total
 
     def edge_rows(self) -> IntArray:
-        """The vertex each stored directed edge starts from, shape (n_edges,)."""
+        """Return the start vertex of each stored directed edge, (n_edges,)."""
         return np.repeat(np.arange(self.n_vertices), np.diff(self.indptr))

@@ -1,4 +1,4 @@
-"""Edges of a graph, checked: weights, metrics, directed and repeated edges."""
+"""Checks of weights and spacing, and joining of directed and repeated edges."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Metric = Literal["chebyshev", "euclidean", "cityblock"]
 METRICS: tuple[Metric, ...] = ("chebyshev", "euclidean", "cityblock")
 Symmetrize = Literal["max", "mean", "mutual"]
 SYMMETRIZE: tuple[Symmetrize, ...] = ("max", "mean", "mutual")
-# The end of every refusal of a directed graph or a repeated edge.
+# The end of each error message about a directed graph or a repeated edge.
 SYMMETRIZE_MENDS = (
     'symmetrize="max", "mean" or "mutual" of Graph.from_edges, Graph.from_scipy, from_networkx and read_graph '
-    "mends that"
+    "joins these edges"
 )
 
 
 def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    """A float copy of ``weights``, after checking shape, finiteness and sign."""
+    """Check shape, finiteness and sign of `weights`, and return a float copy."""
     array = np.array(weights, dtype=np.result_type(np.asarray(weights).dtype, np.float32))
     if array.dtype.kind != "f":
         raise TypeError(f"weights must be real numbers, got {array.dtype}")
@@ -38,7 +38,7 @@ def check_weights(weights: npt.ArrayLike, shape: tuple[int, ...], what: str) -> 
 
 
 def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...] | None:
-    """`spacing` as a tuple of so many finite numbers > 0, or None."""
+    """Check `spacing`, and return it as a tuple of `ndim` finite numbers > 0, or None."""
     if spacing is None:
         return None
     if np.ndim(spacing) != 1:
@@ -52,13 +52,13 @@ def checked_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, 
 
 
 def check_symmetrize(symmetrize: str | None) -> None:
-    """Refuse what is no value of `symmetrize`."""
+    """Check the value of `symmetrize`."""
     if symmetrize is not None:
         choice("symmetrize", symmetrize, SYMMETRIZE)
 
 
 def refuse_loops(rows: IntArray, columns: IntArray) -> None:
-    """ValueError if an edge joins a vertex with itself."""
+    """Raise a ValueError if an edge joins a vertex with itself."""
     loops = rows == columns
     if loops.any():
         raise ValueError(
@@ -68,10 +68,10 @@ def refuse_loops(rows: IntArray, columns: IntArray) -> None:
 
 
 def symmetrized(pairs: IntArray, weights: FloatArray | None, how: Symmetrize) -> tuple[IntArray, FloatArray | None]:
-    """Directed edges (E, 2), repeated ones among them, as undirected ones, each once; `weights` may be None for 1."""
+    """Convert directed edges (E, 2), also repeated ones, and their weights (E,) or None to distinct undirected ones."""
     refuse_loops(pairs[:, 0], pairs[:, 1])
     low, high, forward = pairs.min(axis=1), pairs.max(axis=1), pairs[:, 0] < pairs[:, 1]
-    # Edges between the same two vertices come to stand together, those that lead forward last.
+    # Sort edges between the same two vertices next to each other, forward ones last.
     order = np.lexsort((forward, high, low))
     low, high, forward = low[order], high[order], forward[order]
     new = np.ones(len(order), bool)
@@ -91,7 +91,7 @@ def symmetrized(pairs: IntArray, weights: FloatArray | None, how: Symmetrize) ->
 
 
 def opposite_edges(indptr: IntArray, indices: IntArray) -> IntArray:
-    """Where edge (v, u) is stored, for each stored edge (u, v) of a symmetric graph with sorted rows, (n_edges,)."""
+    """Return the index of edge (v, u) for each stored edge (u, v) of a symmetric graph with sorted rows, (n_edges,)."""
     from scipy import sparse
 
     n = len(indptr) - 1

@@ -1,8 +1,4 @@
-"""Graphs in and out: Matrix Market and NumPy files, networkx.
-
-scipy reads and writes Matrix Market, networkx comes with the extra ``networkx``; both are imported here alone, inside
-the functions that need them.
-"""
+"""Graphs in Matrix Market and NumPy files."""
 
 from __future__ import annotations
 
@@ -29,14 +25,14 @@ from .edges import Symmetrize, check_symmetrize
 
 FORMATS = (".mtx", ".mtx.gz", ".npz")
 
-# What parsers raise for a file that is cut off, altered, or something else altogether.
+# Exceptions that parsers raise for a file that is truncated, damaged or of another format.
 _DAMAGE: tuple[type[Exception], ...] = (
     *(ValueError, TypeError, LookupError, OverflowError, EOFError, OSError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error),
 )
 
-# Matrix Market: the banner and comments in front of the numbers, what numbers consist of (nan and infinity as well,
-# which are refused by that name later), and an exponent without digits.
+# Matrix Market: the banner and comments before the numbers, the characters of numbers (also of nan and infinity, for
+# which there is another error later), and an exponent without digits.
 _HEAD = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*")
 _IN_NUMBERS = b"0123456789+-.eE \t\r\n" + b"nNaAiIfFtTyY"
 _BARE_EXPONENT = re.compile(rb"[eE](?![+-]?[0-9])")
@@ -57,26 +53,26 @@ def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = 
     Parameters
     ----------
     path : path
-        The extension tells the format. A Matrix Market file may be real, integer or pattern, which makes a graph
-        without weights, and may list one triangle or both. An .npz file is one that :func:`write_graph` or
-        ``scipy.sparse.save_npz`` wrote, or one with a CSR matrix as ``adj_data``, ``adj_indices``, ``adj_indptr`` and
-        ``adj_shape``, as the gnn-benchmark data sets are.
+        The extension determines the format. A Matrix Market file may be real, integer or pattern (a graph without
+        weights), and may list one triangle or both. An .npz file is from :func:`write_graph` or
+        ``scipy.sparse.save_npz``, or has a CSR matrix as ``adj_data``, ``adj_indices``, ``adj_indptr`` and
+        ``adj_shape``, as the gnn-benchmark data sets.
     symmetrize : {"max", "mean", "mutual"}, optional
-        What becomes of directed and repeated edges, as in :meth:`Graph.from_scipy`; None refuses them.
+        How directed and repeated edges are joined, as in :meth:`Graph.from_scipy`; with None they are an error.
 
     Returns
     -------
     Graph
-        With the weights in the precision of the file (float64 from Matrix Market), and with positions where an .npz
-        file of :func:`write_graph` holds them.
+        The weights have the precision of the file (float64 from Matrix Market). It has positions if an .npz file of
+        :func:`write_graph` has them.
 
     Raises
     ------
     FileNotFoundError
         No such file.
     ValueError
-        An unknown extension, a damaged file, a matrix that is no graph: not square, negative, complex or non-finite
-        entries, self-loops, and directed or repeated edges without `symmetrize`. The message names the file.
+        An unknown extension, a damaged file, or a matrix that is not a graph: not square, negative, complex or
+        non-finite entries, self-loops, directed or repeated edges without `symmetrize`. The message names the file.
 
     Examples
     --------
@@ -98,7 +94,7 @@ def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = 
             matrix, weighted, positions = _read_npz(file) if kind == ".npz" else _read_mtx(file, kind == ".mtx.gz")
         except _DAMAGE as error:
             what = "NumPy archive of a graph" if kind == ".npz" else "Matrix Market file"
-            raise ValueError(f"{path} is damaged or no {what}: {error}") from error
+            raise ValueError(f"{path} is damaged or not a {what}: {error}") from error
     try:
         graph = Graph.from_scipy(matrix, symmetrize=symmetrize, positions=positions)
     except (TypeError, ValueError) as error:
@@ -109,31 +105,31 @@ def read_graph(path: str | os.PathLike[str], *, symmetrize: Symmetrize | None = 
 
 
 def _read_mtx(file: BinaryIO, packed: bool) -> tuple[Any, bool, None]:
-    """The matrix, whether it has weights, and no positions."""
+    """Return the matrix, whether it has weights, and None for positions."""
     from scipy.io import mminfo, mmread
 
     data = file.read()
     if packed:
         data = gzip.decompress(data)
     field = mminfo(io.BytesIO(data))[4]
-    # mmread takes 1.5D-3 for 1.5, and crashes on a file that ends in 1.5e (scipy 1.17).
+    # mmread reads 1.5D-3 as 1.5, and crashes on a file that ends in 1.5e (scipy 1.17).
     head = _HEAD.match(data)
     start = head.end() if head else 0
     stray = data[start:].translate(None, _IN_NUMBERS)
     if stray:
-        raise ValueError(f"there are characters of no number in it, {stray[:10]!r} for one")
+        raise ValueError(f"it contains characters that are not part of a number: {stray[:10]!r}")
     if _BARE_EXPONENT.search(data, start):
-        raise ValueError("there is a number in it whose exponent is cut off")
+        raise ValueError("it contains a number whose exponent is cut off")
     return mmread(io.BytesIO(data)), field != "pattern", None
 
 
 def _read_npz(file: BinaryIO) -> tuple[Any, bool, FloatArray | None]:
-    """The matrix, whether it has weights, and positions."""
+    """Return the matrix, whether it has weights, and positions."""
     from scipy import sparse
 
-    # Without this numpy takes a file that is no archive for a pickle, and its message misleads.
+    # Without this check numpy treats another file as a pickle, with a misleading message.
     if not zipfile.is_zipfile(file):
-        raise ValueError("it is no zip archive")
+        raise ValueError("it is not a zip archive")
     file.seek(0)
     with np.load(file, allow_pickle=False) as archive:
         names = set(archive.files)
@@ -156,7 +152,7 @@ def _read_npz(file: BinaryIO) -> tuple[Any, bool, FloatArray | None]:
                 f"it holds {found}, not the indptr and indices of write_graph, a matrix of scipy.sparse.save_npz, or "
                 f"adj_data, adj_indices, adj_indptr and adj_shape"
             )
-    # scipy follows indptr unchecked, which a damaged file may lead out of bounds.
+    # scipy does not check indptr, which may be out of bounds in a damaged file.
     if hasattr(matrix, "check_format"):
         matrix.check_format(full_check=True)
     return matrix, weighted, positions
@@ -166,7 +162,7 @@ def _csr(data: npt.NDArray[Any], indices: npt.NDArray[Any], indptr: npt.NDArray[
     from scipy import sparse
 
     if data.shape != indices.shape:
-        raise ValueError(f"{data.size} weights do not fit {indices.size} indices")
+        raise ValueError(f"the number of weights, {data.size}, is not the number of indices, {indices.size}")
     if any(array.dtype.kind not in "iu" for array in (indices, indptr, shape)):
         raise ValueError("indices, indptr and shape must hold integers")
     return sparse.csr_array((data, indices, indptr), shape=tuple(shape.tolist()))
@@ -174,24 +170,24 @@ def _csr(data: npt.NDArray[Any], indices: npt.NDArray[Any], indptr: npt.NDArray[
 
 @door
 def write_graph(path: str | os.PathLike[str], graph: StoredLike) -> None:
-    """Write a graph to a Matrix Market (.mtx, .mtx.gz) or NumPy (.npz) file, whole or not at all.
+    """Write a graph to a Matrix Market (.mtx, .mtx.gz) or NumPy (.npz) file.
 
-    The file is written under another name in the same folder and renamed, so that an error or an interruption leaves
-    what was there before. :func:`read_graph` gives the same graph again, bit for bit.
+    The file is written under another name in the same folder and then renamed: after an error or an interruption an
+    existing file is unchanged. :func:`read_graph` returns the same graph, bit for bit.
 
     Parameters
     ----------
     path : path
-        The extension tells the format. Matrix Market holds the weights alone, as a symmetric real matrix (pattern
-        where the graph has none) in as many digits as float64 needs; only .npz
-        holds positions, and weights as float32. No format holds the grid of ``grid.to_graph()``.
+        The extension determines the format. Matrix Market contains only the weights, as a symmetric real matrix with
+        all digits of float64 (pattern for a graph without weights). Only .npz contains positions, and weights as
+        float32. No format contains the grid of ``grid.to_graph()``.
     graph : Graph
         Or a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without self-loops.
 
     Raises
     ------
     TypeError
-        What is no graph with stored edges; of a GridGraph, give ``grid.to_graph()``.
+        Not a graph with stored edges; for a GridGraph give ``grid.to_graph()``.
     ValueError
         An unknown extension.
     OSError
@@ -202,13 +198,13 @@ def write_graph(path: str | os.PathLike[str], graph: StoredLike) -> None:
     write: Callable[[BinaryIO], None] = _write_npz(stored) if kind == ".npz" else _write_mtx(stored, kind == ".mtx.gz")
 
     def into(temporary: Path) -> None:
-        # A stream, not a name: numpy and scipy would choose an extension of their own.
+        # A stream, not a name: numpy and scipy would change the extension.
         with open(temporary, "wb") as file:
             write(file)
 
     try:
         write_atomically(path, into)
-    except PictureError as error:  # a graph is no picture
+    except PictureError as error:  # a graph is not an image
         raise OSError(str(error)) from None
 
 
@@ -231,9 +227,9 @@ def _write_mtx(graph: Graph, packed: bool) -> Callable[[BinaryIO], None]:
     def write(file: BinaryIO) -> None:
         text = io.BytesIO()
         field: Literal["pattern", "real"] = "pattern" if graph.weights is None else "real"
-        # 17 digits tell any two float64 apart.
+        # 17 digits distinguish all float64 numbers.
         mmwrite(text, graph.to_scipy().astype(np.float64), field=field, precision=17, symmetry="symmetric")
-        # scipy writes "real" for a matrix without entries, even where `field` says something else.
+        # scipy writes "real" for a matrix without entries, whatever `field` is.
         data = text.getvalue().replace(b" real ", f" {field} ".encode(), 1)
         file.write(gzip.compress(data, mtime=0) if packed else data)
 

@@ -19,15 +19,15 @@ from .grid_edges import EdgeLists
 
 
 def row_major(shape: tuple[int, ...]) -> IntArray:
-    """Steps in numbers from one cell to the next along each axis of an array of this shape, (ndim,)."""
+    """Return the differences of cell numbers along each axis of a row-major array of this shape, (ndim,)."""
     return np.array([math.prod(shape[d + 1 :]) for d in range(len(shape))], np.int64)
 
 
 @functools.lru_cache(maxsize=16)
 def _window(reach: tuple[int, ...], radius: float, metric: Metric, spacing: tuple[float, ...] | None) -> IntArray:
-    """The offsets of a neighbourhood that goes so many cells along each axis, (K, ndim), read-only.
+    """Return the offsets of a neighbourhood with at most `reach` cells along each axis, (K, ndim), read-only.
 
-    They are cached: grids of many sizes share them while a job is cut into tiles.
+    They are cached, because the tiles of a job have many sizes and the same offsets.
     """
     offsets = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in reach), indexing="ij"), axis=-1)
     offsets = offsets.reshape(-1, len(reach))
@@ -46,23 +46,22 @@ def _window(reach: tuple[int, ...], radius: float, metric: Metric, spacing: tupl
 class GridGraph:
     """The implicit k-neighbourhood graph of a regular grid; nothing is stored per edge.
 
-    Vertices are the cells of an array of the given shape, in row-major order. Two of them are joined when their
-    distance is at most `radius` (the neighbourhood N_k of section 5.2). Vertices exist only inside the grid: at the
-    border a window is clipped.
+    Vertices are the cells of an array of the given shape, in row-major order. Two vertices are joined if their distance
+    is at most `radius` (the neighbourhood N_k of section 5.2). Windows are clipped at the border of the grid.
 
     Parameters
     ----------
     shape : int or sequence of int
         Size of each axis, any number of axes.
     radius : float, default 1
-        Reach of the neighbourhood, in the units of `spacing`. Infinity gives the complete graph, for small grids.
+        Radius of the neighbourhood, in the units of `spacing`. Infinity gives the complete graph, for small grids.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
         "chebyshev" gives square windows, "euclidean" disks, "cityblock" diamonds; ``radius=1`` with "cityblock" is
         the paper's 4-adjacency graph G_0, with "chebyshev" its 8-adjacency graph G_1.
     spacing : sequence of float, optional
         Distance between cells along each axis; None means 1.
     mask : bool array of the grid's shape, optional
-        True where a vertex takes part. The others stay vertices, without an edge.
+        True where a vertex takes part. The other vertices have no edges.
 
     Raises
     ------
@@ -122,14 +121,14 @@ class GridGraph:
     def offsets(self) -> IntArray:
         """Steps from a vertex to its neighbours, (K, ndim), in lexicographic order.
 
-        The opposite of offset k is offset K - 1 - k; the last K/2 lead forward in row-major order.
+        The opposite of offset k is offset K - 1 - k; the last K/2 are forward in row-major order.
         """
         offsets: IntArray = self._offsets  # type: ignore[attr-defined]
         return offsets
 
     @property
     def half_window(self) -> int:
-        """Number of forward offsets, K/2: weights are stored for these alone."""
+        """Number of forward offsets, K/2; weights are stored only for these."""
         return len(self.offsets) // 2
 
     @property
@@ -157,12 +156,12 @@ class GridGraph:
 
     @property
     def strides(self) -> IntArray:
-        """Steps in vertex numbers along each axis, (ndim,): vertices are numbered in row-major order."""
+        """Differences of vertex numbers along each axis, (ndim,); vertices are numbered in row-major order."""
         return row_major(self.shape)
 
     @property
     def steps(self) -> IntArray:
-        """Steps in vertex numbers along each forward offset, (K/2,)."""
+        """Differences of vertex numbers along each forward offset, (K/2,)."""
         steps: IntArray = self.forward_offsets @ self.strides
         return steps
 
@@ -172,36 +171,36 @@ class GridGraph:
         return np.array(self.spacing or (1.0,) * self.ndim)
 
     def positions(self) -> FloatArray:
-        """Coordinates of the vertices in the units of `spacing`, (n, ndim)."""
+        """Return the coordinates of the vertices in the units of `spacing`, (n, ndim)."""
         positions: FloatArray = np.stack(np.unravel_index(np.arange(self.n_vertices), self.shape), axis=-1) * self.cell
         return positions
 
     @property
     def edges(self) -> EdgeLists:
-        """The directed edges as a list, and the forms of functions on them."""
+        """The directed edges as a list, and conversions of functions on them."""
         return EdgeLists(self)
 
     def ends(self, step: IntArray) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-        """Slices of an array on the grid that select the start and the end of every edge along `step`."""
+        """Return slices of an array on the grid for the starts and the ends of all edges along `step`, (ndim,)."""
         pairs = [(int(o), s) for o, s in zip(step, self.shape, strict=True)]
         start = tuple(slice(max(0, -o), s - max(0, o)) for o, s in pairs)
         end = tuple(slice(max(0, o), s - max(0, -o)) for o, s in pairs)
         return start, end
 
     def to_graph(self, half_weights: FloatArray | None = None) -> Graph:
-        """The same graph as CSR with row-major vertices, carrying positions (in units of spacing) and the grid.
+        """Convert to CSR with row-major vertices, with positions (in the units of `spacing`) and the grid.
 
         Parameters
         ----------
         half_weights : (K/2, *shape) float array, optional
-            Weights stored once per pair, as ``edges.scatter_half`` gives them; None means 1.
+            Weights stored once per pair, as returned by ``edges.scatter_half``; None means 1.
         """
         indptr, indices = self.edges.rows()
         weights = None if half_weights is None else self.edges.gather_half(half_weights)
         return Graph(indptr, indices, weights, self.positions(), self)
 
     def part(self, box: tuple[slice, ...]) -> GridGraph:
-        """The grid graph of the cells in a box, with its part of the mask.
+        """Return the grid graph of the cells in a box, with its part of the mask.
 
         Parameters
         ----------
@@ -217,6 +216,6 @@ AnyGraph = Graph | GridGraph
 
 
 def refuse_grid(name: str, graph: object) -> None:
-    """TypeError for a GridGraph, where edges have to be stored."""
+    """Raise a TypeError for a GridGraph, which does not store its edges."""
     if isinstance(graph, GridGraph):
         raise TypeError(f"{name} must be a Graph, got a GridGraph: give grid.to_graph()")

@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EdgeLists:
-    """The directed edges of a grid graph as a list, and the ways between the three forms of a function on them.
+    """The directed edges of a grid graph as a list, and conversions between three forms of a function on them.
 
     - A list has one row per directed edge, (n_edges, ...), in the order of :meth:`GridGraph.to_graph`.
     - Planes have one value per vertex and offset, (K, *shape, m), 0 where the edge leaves the grid or its mask.
     - Half planes have one weight per vertex and forward offset, (K/2, *shape): once per pair.
 
-    To gather is to make a list of planes, to scatter is the way back.
+    Gathering converts planes to a list, scattering a list to planes.
 
     Parameters
     ----------
     grid : GridGraph
-        Of K offsets.
+        The grid, with K offsets.
     """
 
     grid: GridGraph
 
     def blocks(self) -> Iterator[tuple[IntArray, IntArray, npt.NDArray[np.bool_]]]:
-        """Blocks of B vertices u (B,), their neighbours v (B, K), and which of these exist (B, K)."""
+        """Yield blocks of B vertices u (B,), their neighbours v (B, K), and whether these exist (B, K)."""
         grid = self.grid
         offsets, K = grid.offsets, max(1, len(grid.offsets))
         jumps = offsets @ grid.strides
@@ -51,7 +51,7 @@ class EdgeLists:
             yield u, v, exists
 
     def rows(self) -> tuple[IntArray, IntArray]:
-        """The edges as CSR: row pointers (n + 1,), and neighbours (n_edges,)."""
+        """Return the edges as CSR: row pointers (n + 1,), and neighbours (n_edges,)."""
         counts, columns = [], []
         for _, v, exists in self.blocks():
             counts.append(exists.sum(axis=1))
@@ -59,13 +59,13 @@ class EdgeLists:
         return np.concatenate([[0], np.cumsum(np.concatenate(counts))]), np.concatenate(columns)
 
     def gather(self, planes: FloatArray) -> FloatArray:
-        """List a function that is given as planes, (K, *shape, m): (n_edges, m)."""
+        """Convert planes, (K, *shape, m), to a list, (n_edges, m)."""
         K, n = len(self.grid.offsets), self.grid.n_vertices
         flat = planes.reshape(K, n, planes.shape[-1])
         return np.concatenate([flat[:, u].transpose(1, 0, 2)[exists] for u, _, exists in self.blocks()])
 
     def scatter(self, values: FloatArray) -> FloatArray:
-        """Put a list, (n_edges, m), into planes, (K, *shape, m)."""
+        """Convert a list, (n_edges, m), to planes, (K, *shape, m)."""
         K, n, m = len(self.grid.offsets), self.grid.n_vertices, values.shape[1]
         planes = np.zeros((K, n, m), values.dtype)
         for u, table in self._tables(values):
@@ -73,7 +73,7 @@ class EdgeLists:
         return planes.reshape(K, *self.grid.shape, m)
 
     def gather_half(self, half: npt.ArrayLike) -> FloatArray:
-        """List weights that are stored once per pair, (K/2, *shape): (n_edges,).
+        """Convert weights stored once per pair, (K/2, *shape), to a list, (n_edges,).
 
         Raises
         ------
@@ -95,7 +95,7 @@ class EdgeLists:
         return np.concatenate(values)
 
     def scatter_half(self, values: npt.ArrayLike) -> FloatArray:
-        """Check weights, (n_edges,) or (*shape, K), and store them once per pair, (K/2, *shape).
+        """Check weights, (n_edges,) or (*shape, K), and convert them to one per pair, (K/2, *shape).
 
         Raises
         ------
@@ -114,7 +114,7 @@ class EdgeLists:
         return stored
 
     def unit_half(self) -> FloatArray:
-        """Weight 1 on every edge, stored once per pair, (K/2, *shape): 0 where an edge leaves the grid or its mask."""
+        """Return weights 1, stored once per pair, (K/2, *shape); 0 where an edge leaves the grid or its mask."""
         grid = self.grid
         half = np.zeros((grid.half_window, *grid.shape), np.float32)
         for plane, step in zip(half, grid.forward_offsets, strict=True):
@@ -123,7 +123,7 @@ class EdgeLists:
         return half
 
     def listed(self, values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-        """List one value per directed edge, (n_edges,) or (*shape, K): (n_edges,).
+        """Convert one value per directed edge, (n_edges,) or (*shape, K), to a list, (n_edges,).
 
         Raises
         ------
@@ -144,7 +144,7 @@ class EdgeLists:
         return listed
 
     def _tables(self, values: npt.NDArray[Any]) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
-        """Blocks of B vertices (B,), and of a list their edges' rows by offset, (B, K, ...), 0 where there is none."""
+        """Yield blocks of B vertices (B,), and the values of a list on their edges, (B, K, ...), 0 without an edge."""
         begin = 0
         for u, _, exists in self.blocks():
             table = np.zeros((*exists.shape, *values.shape[1:]), values.dtype)

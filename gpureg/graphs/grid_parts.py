@@ -1,4 +1,4 @@
-"""Where the rows of a function on a grid lie that belong to a part of it."""
+"""Functions on a part of a grid."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from .grid import GridGraph
 
 
 def rows_of(grid: GridGraph, f: FloatArray, box: tuple[slice, ...]) -> FloatArray:
-    """The rows of a function (n, m) that belong to a box of the grid; a view where it can be."""
+    """Return the rows of a function (n, m) that belong to a box of the grid; a view if possible."""
     return f.reshape(*grid.shape, f.shape[1])[box].reshape(-1, f.shape[1])

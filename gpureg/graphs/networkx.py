@@ -1,4 +1,4 @@
-"""Graphs from and to networkx."""
+"""Conversion of graphs from and to networkx."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ def _networkx() -> Any:
 
 @door
 def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetrize | None = None) -> Graph:
-    """Make a graph of a networkx graph of any class; vertex i is the i-th of ``list(g.nodes)``.
+    """Convert a networkx graph of any class; vertex i is ``list(g.nodes)[i]``.
 
     Parameters
     ----------
     g : networkx.Graph, DiGraph, MultiGraph or MultiDiGraph
-        Where all nodes have an attribute "pos", these become the positions.
+        If all nodes have an attribute "pos", these become the positions.
     weight : str or None, default "weight"
-        Edge attribute that holds the weights. An edge without it counts 1; where none has it, or for None, the graph
-        is without weights.
+        Edge attribute with the weights; an edge without it has weight 1. If no edge has it, or for None, the graph has
+        no weights.
     symmetrize : {"max", "mean", "mutual"}, optional
-        What becomes of directed and parallel edges, as in :meth:`Graph.from_edges`; an edge of an undirected graph
-        leads both ways. None refuses parallel edges, and directed ones whose opposite is missing or weighs something
-        else.
+        How directed and parallel edges are joined, as in :meth:`Graph.from_edges`; an edge of an undirected graph
+        counts in both directions. With None, parallel edges are an error, and directed edges whose opposite is missing
+        or has another weight.
 
     Raises
     ------
     ImportError
         networkx is not installed.
     TypeError
-        Something other than a networkx graph, a weight that is no real number.
+        Not a networkx graph, a weight that is not a real number.
     ValueError
         Self-loops, weights that are negative or not finite, positions of different lengths; directed and parallel
         edges without `symmetrize`.
@@ -86,13 +86,13 @@ def from_networkx(g: Any, *, weight: str | None = "weight", symmetrize: Symmetri
     if not g.is_directed() and symmetrize is not None:
         edges = np.concatenate([edges, edges[:, ::-1]])
         weights = None if weights is None else np.concatenate([weights, weights])
-    # Directed edges that passed the check above come in equal pairs: "max" makes one of two.
+    # Directed edges that passed the check above are pairs of equal weight: "max" joins each pair.
     how = "max" if symmetrize is None and g.is_directed() else symmetrize
     return Graph.from_edges(edges, weights, n_vertices=len(number), positions=_node_positions(g.nodes), symmetrize=how)
 
 
 def without_loops(g: Any) -> tuple[Any, int]:
-    """A networkx graph without its self-loops, a copy if there are any, and their number."""
+    """Return a networkx graph without its self-loops (a copy if there are any), and their number."""
     nx = _networkx()
     loops = list(nx.selfloop_edges(g, keys=True) if g.is_multigraph() else nx.selfloop_edges(g))
     if loops:
@@ -102,7 +102,7 @@ def without_loops(g: Any) -> tuple[Any, int]:
 
 
 def _refuse_unmatched(ends: list[tuple[Any, Any]], values: list[float], directed: bool) -> None:
-    """Refuse parallel edges, and directed ones without an equal in the other direction, by the names of the nodes."""
+    """Raise a ValueError for parallel edges, and for directed edges without an opposite of the same weight."""
     known: dict[tuple[Any, Any], float] = {}
     for (u, v), value in zip(ends, values, strict=True):
         if (u, v) in known or (not directed and (v, u) in known):
@@ -128,7 +128,7 @@ def _node_positions(nodes: Mapping[Any, Mapping[str, Any]]) -> FloatArray | None
     try:
         positions = np.array([attributes["pos"] for attributes in nodes.values()], np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError('the node attribute "pos" must hold as many numbers for every node') from error
+        raise ValueError('the node attribute "pos" must hold the same number of coordinates for every node') from error
     if positions.ndim != 2:
         raise ValueError(f'the node attribute "pos" must hold one row of numbers, got shape {positions.shape[1:]}')
     return positions
@@ -136,17 +136,17 @@ def _node_positions(nodes: Mapping[Any, Mapping[str, Any]]) -> FloatArray | None
 
 @door
 def to_networkx(graph: Graph) -> Any:
-    """Make an undirected ``networkx.Graph`` of a graph, with the nodes 0..n-1.
+    """Convert a graph to an undirected ``networkx.Graph`` with the nodes 0..n-1.
 
-    Weights become the edge attribute "weight" (none where the graph has none), positions the node attribute "pos", a
-    tuple. All numbers are Python's.
+    Weights, if there are any, become the edge attribute "weight", positions the node attribute "pos", a tuple. All
+    numbers are Python numbers.
 
     Raises
     ------
     ImportError
         networkx is not installed.
     TypeError
-        Something other than a Graph; of a GridGraph, give ``grid.to_graph()``.
+        Not a Graph; for a GridGraph give ``grid.to_graph()``.
 
     Examples
     --------

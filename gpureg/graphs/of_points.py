@@ -1,4 +1,4 @@
-"""Graphs of points: nearest neighbours, and all within a radius."""
+"""Graphs of points: nearest neighbours, and all neighbours within a radius."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from .csr import Graph
 def knn_graph(
     points: npt.ArrayLike, k: int, *, symmetrize: Literal["max", "mutual"] = "max", reach: float = np.inf
 ) -> Graph:
-    """Join every point to its k nearest (a kd-tree finds them).
+    """Join every point to its k nearest neighbours, found by a kd-tree.
 
     Parameters
     ----------
     points : (n, d) float array
         Points, or features of any number of dimensions.
     k : int
-        Neighbours that each point chooses, at least 1; all others, where there are fewer.
+        Number of neighbours that each point chooses, at least 1; at most all other points.
     symmetrize : {"max", "mutual"}, default "max"
-        An edge where either of two points chose the other, or where both did.
+        "max" joins two points if one chose the other, "mutual" only if both did.
     reach : float, default infinity
-        No edge is longer than this.
+        Maximum length of an edge.
 
     Returns
     -------
     Graph
-        Without weights, with the points as positions. Points that coincide are neighbours like any others.
+        A graph without weights, with the points as positions. Points at the same place are neighbours too.
 
     Raises
     ------
@@ -56,11 +56,11 @@ def knn_graph(
     most = min(k, n - 1)
     if most == 0:
         return Graph.from_edges([], n_vertices=n, positions=positions)
-    # The point itself is among its nearest, though not always the first where others coincide with it.
+    # The point itself is among its nearest, but not always the first if other points have the same position.
     distance, near = _tree(positions).query(positions, k=most + 1, distance_upper_bound=reach)
     rows = np.repeat(np.arange(n), most + 1)
     chosen = np.isfinite(distance).ravel() & (near.ravel() != rows)
-    # Where more points coincide with it than are asked for, it may be missing: then the furthest is left out instead.
+    # If more than k points have the same position, the point may be missing: then the furthest neighbour is left out.
     chosen &= (np.cumsum(chosen.reshape(n, most + 1), axis=1) <= most).ravel()
     edges = np.stack([rows[chosen], near.ravel()[chosen]], axis=1)
     if not len(edges):
@@ -70,18 +70,18 @@ def knn_graph(
 
 @door
 def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
-    """Join all points at most `radius` apart.
+    """Join all points with a distance of at most `radius`.
 
     Parameters
     ----------
     points : (n, d) float array
     radius : float
-        > 0, in the units of the points.
+        Distance > 0, in the units of the points.
 
     Returns
     -------
     Graph
-        Without weights, with the points as positions.
+        A graph without weights, with the points as positions.
 
     Raises
     ------
@@ -102,5 +102,5 @@ def radius_graph(points: npt.ArrayLike, radius: float) -> Graph:
 def _tree(positions: FloatArray) -> Any:
     from scipy.spatial import cKDTree
 
-    # Unbalanced trees are built several times as fast, and found as fast in.
+    # Unbalanced trees are built several times faster, and queries are as fast.
     return cKDTree(positions, balanced_tree=False)

@@ -1,4 +1,4 @@
-"""Graphs of meshes, curves, points and other graphs (section 5.3): all of them know where their vertices lie."""
+"""Graphs of meshes, faces and curves, and k-ring graphs (section 5.3)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Across = Literal["edge", "vertex"]
 
 
 def face_edges(faces: IntArray) -> IntArray:
-    """The edges of all faces in turn, corner to corner, (F k, 2); an edge of two faces stands there twice."""
+    """Return the edges of all faces in order, (F k, 2); an edge of two faces is listed twice."""
     edges: IntArray = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     return edges
 
 
 def _joined(u: IntArray, v: IntArray, n: int, positions: FloatArray) -> Graph:
-    """The graph of edges (u, v), given any number of times in either direction; those to itself are none."""
+    """Make a graph from edges (u, v), repeated or not, in any direction; loops are left out."""
     from scipy import sparse
 
     both = sparse.csr_array(
@@ -36,7 +36,7 @@ def _joined(u: IntArray, v: IntArray, n: int, positions: FloatArray) -> Graph:
 
 
 def _without_loops(matrix: Any, positions: FloatArray) -> Graph:
-    """The graph of the stored entries of a symmetric CSR matrix with sorted rows, apart from its diagonal."""
+    """Make a graph from the stored entries of a symmetric CSR matrix with sorted rows, except its diagonal."""
     n = matrix.shape[0]
     rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
     other = matrix.indices != rows
@@ -46,7 +46,7 @@ def _without_loops(matrix: Any, positions: FloatArray) -> Graph:
 
 @door
 def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
-    """Make the graph of a mesh: its vertices, joined along the edges of its faces (section 5.3).
+    """Make the graph of a mesh: its vertices are joined along the edges of its faces (section 5.3).
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     Returns
     -------
     Graph
-        Without weights: give :mod:`gpureg.weights` such as ``inverse_distance(2)`` to :func:`gpureg.regularize`. A
-        vertex without a face stays, without an edge; an edge of any number of faces is one edge.
+        A graph without weights: give :mod:`gpureg.weights` such as ``inverse_distance(2)`` to
+        :func:`gpureg.regularize`. A vertex without a face has no edges.
 
     Raises
     ------
     TypeError, ValueError
-        Coordinates that are not finite, faces that name no vertex.
+        Coordinates that are not finite, faces with numbers that are not vertices.
 
     Examples
     --------
@@ -90,8 +90,7 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     faces : (F, 3) int array
         Triangles; (F, k) for faces of k corners.
     across : {"edge", "vertex"}, default "edge"
-        Faces are neighbours if they share an edge (three neighbours, where the surface is a manifold), or a vertex
-        (about twelve).
+        Faces are neighbours if they share an edge (three neighbours on a manifold surface), or a vertex (about twelve).
 
     Returns
     -------
@@ -101,7 +100,7 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     Raises
     ------
     TypeError, ValueError
-        As :func:`mesh_graph`; no face at all, an unknown `across`.
+        As :func:`mesh_graph`; also no faces, an unknown `across`.
 
     Examples
     --------
@@ -117,7 +116,7 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     choice("across", across, ("edge", "vertex"))
     n_faces, k = corners.shape
     if n_faces == 0:
-        raise ValueError("there is no face to make a graph of")
+        raise ValueError("faces is empty: there is no face to make a graph from")
     middles = positions[corners].mean(axis=1)
     if across == "vertex":
         at = (np.repeat(np.arange(n_faces), k), corners.ravel())
@@ -129,13 +128,13 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
 
 
 def adjacent_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs of faces that share an edge, each edge's once: two arrays of their numbers."""
+    """Return the pairs of faces that share an edge, once per edge, as two arrays of face numbers, (E,) each."""
     edges = np.sort(face_edges(faces), axis=1)
     proper = edges[:, 0] != edges[:, 1]
     keys = edges[proper] @ np.array([int(faces.max(initial=0)) + 1, 1])
     order = np.argsort(keys)
     keys, owners = keys[order], np.flatnonzero(proper)[order] // faces.shape[1]
-    # faces with an edge in common follow each other; where an edge has three or more, so do those further on
+    # faces with a common edge are next to each other; for edges with three or more faces, also those with larger steps
     pairs, step = [], 1
     while step < len(keys) and (same := keys[step:] == keys[:-step]).any():
         pairs.append(np.stack([owners[:-step][same], owners[step:][same]]))
@@ -146,24 +145,24 @@ def adjacent_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 @door
 def curve_graph(points: npt.ArrayLike, closed: bool = True) -> Graph:
-    """Make the graph of a polygonal curve: each point joined to the next (figures 5, 7 and 9).
+    """Make the graph of a polygonal curve: each point is joined to the next (figures 5, 7 and 9).
 
     Parameters
     ----------
     points : (n, d) float array
-        The vertices in order; those of a closed curve without the first repeated at the end.
+        The vertices in order; do not repeat the first vertex of a closed curve at the end.
     closed : bool, default True
         Whether the last point is joined to the first.
 
     Returns
     -------
     Graph
-        Without weights, with the points as positions.
+        A graph without weights, with the points as positions.
 
     Raises
     ------
     TypeError, ValueError
-        Coordinates that are not finite, fewer than two points (three of a closed curve).
+        Coordinates that are not finite, fewer than two points (three for a closed curve).
 
     Examples
     --------
@@ -186,20 +185,19 @@ def ring_graph(graph: StoredLike, rings: int) -> Graph:
     Parameters
     ----------
     graph : Graph
-        Its weights play no part, its positions become those of the result. Or a symmetric sparse matrix of scipy, or a
-        graph of networkx.
+        A graph, a symmetric sparse matrix of scipy, or a graph of networkx. Its weights are not used.
     rings : int
-        At least 1, which gives the same edges.
+        At least 1; 1 gives the same edges.
 
     Returns
     -------
     Graph
-        Without weights: 1 on every edge.
+        A graph without weights, with the positions of `graph`.
 
     Raises
     ------
     TypeError, ValueError
-        Another kind of graph, rings that are no integer or below 1.
+        Another kind of graph, rings that are not an integer >= 1.
 
     Examples
     --------
@@ -214,7 +212,7 @@ def ring_graph(graph: StoredLike, rings: int) -> Graph:
     from scipy import sparse
 
     if isinstance(graph, GridGraph):
-        raise TypeError("graph must be a Graph, got a GridGraph: give that a radius")
+        raise TypeError("graph must be a Graph, got a GridGraph: give the grid a larger radius")
     graph, rings = as_stored(graph), integer("rings", rings, low=1)
     n = graph.n_vertices
     A = sparse.csr_array((np.ones(graph.n_edges, bool), graph.indices, graph.indptr), shape=(n, n))

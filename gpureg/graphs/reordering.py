@@ -1,4 +1,4 @@
-"""Vertices in another order: neighbours near each other in memory."""
+"""Reordering of vertices, so that neighbours are near each other in memory: :func:`reordered`."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ __all__ = ["reordered"]
 
 @door
 def reordered(graph: StoredLike, order: npt.ArrayLike | None = None) -> tuple[Graph, IntArray]:
-    """Put the vertices of a graph in another order, in which neighbours have near numbers.
+    """Reorder the vertices of a graph, so that neighbours have near numbers.
 
     Parameters
     ----------
     graph : Graph
-        Of n vertices. Or a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without
+        A graph of n vertices, a symmetric sparse matrix of scipy without a diagonal, or a graph of networkx without
         self-loops.
     order : (n,) int array, optional
-        The vertices in their new order, each once. None finds the order of reverse Cuthill and McKee.
+        The vertices in their new order, each once. None means the reverse Cuthill-McKee order.
 
     Returns
     -------
     Graph
-        Vertex i of it is vertex ``order[i]`` of `graph`; weights and positions go along.
+        The reordered graph, with weights and positions: its vertex i is vertex ``order[i]`` of `graph`.
     (n,) int array
-        `order`: ``f[order]`` is a function on the new graph, and ``f[order] = g`` brings one back.
+        `order`: ``f[order]`` is a function on the new graph, and ``f[order] = g`` converts one back.
 
     Raises
     ------
     TypeError, ValueError
-        No Graph, or an order that is not one of its vertices.
+        Not a graph, or an order that does not contain each vertex once.
 
     Notes
     -----
-    A sweep reads each vertex's neighbours: where these are spread over memory, it waits for them. A grid of 1024 x 1024
-    in random order takes 16 ms per iteration on a CPU of two cores, 7 in row order, 8 once it is reordered. To find the
-    order and rebuild the graph takes as long as some hundred iterations, so nothing does so by itself. The result
-    differs by rounding: sums run in the new order of the neighbours.
+    A sweep reads the neighbours of each vertex, and is slow if these are far apart in memory. A grid of 1024 x 1024
+    takes 16 ms per iteration in random order on a CPU with two cores, 7 ms in row order, and 8 ms after reordering.
+    Reordering takes as long as some hundred iterations, so it is never done automatically. The result differs by
+    rounding errors, as sums are computed in the new order of the neighbours.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def reordered(graph: StoredLike, order: npt.ArrayLike | None = None) -> tuple[Gr
     if order is None:
         from scipy.sparse import csgraph
 
-        # the pattern alone: scipy asks for a value per edge, and looks at none
+        # without weights: scipy needs a value per edge, but does not use it
         pattern = Graph(graph.indptr, graph.indices).to_scipy()
         found: IntArray = csgraph.reverse_cuthill_mckee(pattern, symmetric_mode=True).astype(np.int64)
     else:
@@ -74,7 +74,7 @@ def reordered(graph: StoredLike, order: npt.ArrayLike | None = None) -> tuple[Gr
     place[found] = np.arange(n)
     degrees = np.diff(graph.indptr)[found]
     indptr = np.concatenate([[0], np.cumsum(degrees)])
-    # for each new row its old edges, then by the new numbers of their ends
+    # the old edges of each new row, then sorted by the new numbers of their ends
     edges = np.repeat(graph.indptr[found] - indptr[:-1], degrees) + np.arange(graph.n_edges)
     ends = place[graph.indices[edges]]
     by_end = np.lexsort((ends, np.repeat(np.arange(n), degrees)))

@@ -1,4 +1,4 @@
-"""The door of the bilateral filter."""
+"""The bilateral filter: :func:`denoise_bilateral`."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ def denoise_bilateral(
     sigma_value: float | npt.ArrayLike | None = None,
     **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
-    """The bilateral filter: every pixel becomes the mean of those nearby whose values are alike.
+    """Denoise an image by the bilateral filter: each pixel becomes the mean of near pixels with similar values.
 
     Parameters
     ----------
     image : array
-        Two or more axes (space, time), besides the channels; any integer or real type.
+        Two or more axes (space, time), not counting the channels; any integer or real type.
     radius : float, optional
-        Reach of the window, in the units of `spacing`; None takes 2 sigma_space, where the spatial factor is 0.02.
+        Radius of the window, in the units of `spacing`. None means 2 sigma_space: there the spatial factor is 0.02.
     sigma_space : float, default 3
-        sigma_P of w1, in the units of `spacing`; sqrt(2) times that of OpenCV and scikit-image.
+        sigma_P of w1, in the units of `spacing`; sqrt(2) times the value of OpenCV and scikit-image.
     sigma_value : float or array, optional
-        sigma_X of w1, in the image's units, or one per pixel (then sigma_X(u) sigma_X(v) stands for its square);
-        likewise. None takes 3 times the noise, and sqrt(C) times that for C channels.
+        sigma_X of w1, in the image's units; sqrt(2) times the value of OpenCV and scikit-image. With one value per
+        pixel, sigma_X(u) sigma_X(v) replaces its square. None means 3 sqrt(C) times the noise, for C channels.
     lam, centre, metric, border, constant, mask, spacing, channel_axis
     backend, dtype, memory, callback, progress
         As in :func:`denoise_nl_means`.
     guide : array, optional
-        What the weights compare instead of `image`: the joint or cross bilateral filter.
+        The image that the weights compare instead of `image` (joint or cross bilateral filter).
 
     Returns
     -------
@@ -55,7 +55,7 @@ def denoise_bilateral(
     ValueError, TypeError
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable
-        A backend or device that is not there.
+        A backend or device that is not available.
 
     Warns
     -----
@@ -64,7 +64,7 @@ def denoise_bilateral(
 
     Notes
     -----
-    f(u) = (lam/2 f0(u) + sum_v w1(u, v) f0(v)) / (lam/2 + sum_v w1(u, v)), eq. 25 at p = 2 with
+    Computes f(u) = (lam/2 f0(u) + sum_v w1(u, v) f0(v)) / (lam/2 + sum_v w1(u, v)), eq. 25 at p = 2, with
     w1(u, v) = exp(-|u - v|^2/sigma_P^2) exp(-|f0(u) - f0(v)|^2/sigma_X^2) of section 5.2.
 
     Examples

@@ -1,4 +1,4 @@
-"""What lies beyond the border of an image: nothing (the graph ends there), or pixels made up and cut off again."""
+"""Padding of an image at its border."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _MODES: dict[Border, Any] = {
 
 
 def padded(array: npt.NDArray[Any], widths: Sequence[int], border: Border, constant: float = 0.0) -> npt.NDArray[Any]:
-    """Pad an array by made-up cells around its leading axes, so many on either side of each.
+    """Pad an array by `widths` cells on both sides of its leading axes; "clip" pads nothing.
 
-    "reflect" mirrors without repeating the edge cell, "symmetric" with it, "nearest" repeats it, "wrap" goes on at the
+    "reflect" mirrors without the edge cell, "symmetric" mirrors with it, "nearest" repeats it, "wrap" continues at the
     other end.
     """
     if border == "clip" or not any(widths):
@@ -35,6 +35,6 @@ def padded(array: npt.NDArray[Any], widths: Sequence[int], border: Border, const
 
 
 def cropped(array: npt.NDArray[Any], widths: Sequence[int]) -> npt.NDArray[Any]:
-    """What :func:`padded` was given."""
+    """Remove the cells that :func:`padded` added."""
     inner = tuple(slice(w, size - w) for w, size in zip(widths, array.shape, strict=False))
     return np.ascontiguousarray(array[inner])

@@ -1,4 +1,4 @@
-"""What to do with a noisy image: :func:`plan_denoising` chooses, the noise decides."""
+"""Choice of the parameters for a noisy image: :func:`plan_denoising`."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ from .window import window_of
 
 @door(options=CHOICE)
 def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> DenoisePlan:
-    """Choose what :func:`denoise_image` would do; the parameters are the same, and what is given is kept.
+    """Choose the parameters of :func:`denoise_image`; given parameters are not changed.
 
-    Of a guide it matters that there is one: the rule then takes no noise off the distances of its patches. The solver,
-    the backend and what belongs to them matter only where `lam` is to be searched for, "discrepancy",
-    "sure" or "j-invariance": these denoise the image several times.
+    With a guide, the rule subtracts no noise from the patch distances. The options of a run (solver, backend and so
+    on) matter only if `lam` is "discrepancy", "sure" or "j-invariance": these searches denoise the image several times.
 
     Parameters
     ----------
     image : array
-        As in :func:`denoise_image`, as are all the others: sigma, p, lam, radius, metric, weights, h, patch_radius,
-        patch_sigma, sigma_space, sigma_value, guide, k, centre, average_patches, max_iter, mask, spacing, channel_axis;
-        norm, eps, solver, tol, backend, dtype, memory, callback, progress.
+        The noisy image, as in :func:`denoise_image`.
+    sigma, p, lam, radius, metric, weights, h, patch_radius, patch_sigma, sigma_space, sigma_value, guide, k, centre
+    average_patches, max_iter, mask, spacing, channel_axis
+    norm, eps, solver, tol, backend, dtype, memory, callback, progress
+        As in :func:`denoise_image`.
 
     Returns
     -------
@@ -55,20 +56,20 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
 
     Notes
     -----
-    The noise decides. With nothing else given, one sweep of nonlocal means (p = 2) over a 21 x 21 window, in a volume
-    5 x 5 x 5, whose weights compare a copy blurred by half a pixel:
-    :func:`gpureg.images.nonlocal_rule.nonlocal_rule` says which. A map of sigma makes maps of their h and sigma.
+    The default is one sweep of nonlocal means (p = 2) over a window of 21 x 21, or 5 x 5 x 5 in a volume. Its weights
+    compare a blurred copy of the image, with parameters that depend on the noise
+    (:func:`gpureg.images.nonlocal_rule.nonlocal_rule`); if sigma is a map, their h and sigma are maps too.
 
-    With p other than 2, the unweighted graph G_0 of nearest neighbours (p = 1: digital total variation) with
-    lam = 2.2 G^(0.4 p^2) sigma^(p - 2), G the clean image's root mean square gradient over sigma, at least 0.3, taken
-    from the noisy one: the more there is to keep, the larger lam; sigma^(p - 2) is the scale law of the model. In m
-    coupled channels it is m^(p/2 - 1) as large, along d axes (d/2)^(p/2); a map of sigma makes it one, as 1/sigma^2.
-    Fitted on 11 photographs at sigma 5 to 40; on ten of them at p from 0.5 to 2 within 0.05 dB of the best lam on
-    average, at worst 0.6. lam="sure" comes within 0.01 dB, in 8 runs instead of one; "discrepancy" smooths too
-    much, by 0.7 dB at p = 1; "j-invariance" needs no white noise.
+    With p other than 2, the default is the unweighted graph G_0 of nearest neighbours (p = 1: digital total variation)
+    with lam = 2.2 G^(0.4 p^2) sigma^(p - 2). G is the root mean square gradient of the clean image over sigma, at least
+    0.3, estimated from the noisy image: more detail makes lam larger. The factor sigma^(p - 2) is the scale law of the
+    model. For m coupled channels lam is multiplied by m^(p/2 - 1), along d axes by (d/2)^(p/2). If sigma is a map, lam
+    is a map proportional to 1/sigma^2. The rule was fitted on 11 photographs at sigma 5 to 40. On ten of them, at p
+    from 0.5 to 2, it is within 0.05 dB of the best lam on average, and within 0.6 dB at worst. lam="sure" is within
+    0.01 dB, but needs 8 runs; "discrepancy" smooths too much, by 0.7 dB at p = 1; "j-invariance" needs no white noise.
 
-    With `k` and p other than 2, patches of 7 x 7 over a window of 21 x 21, h = sigma per sample,
-    lam = 3.1 sigma^(p - 2) and 4 iterations, which was good on the camera picture at p = 1.
+    With `k` and p other than 2, the default is patches of 7 x 7 over a window of 21 x 21, h = sigma per sample,
+    lam = 3.1 sigma^(p - 2) and 4 iterations. These values were good on the camera image at p = 1.
 
     Examples
     --------
@@ -127,12 +128,12 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
 
 
 def _with_the_pixel_itself(plan: DenoisePlan, asked: Choice) -> DenoisePlan:
-    """The plan with what is asked for of averaged patches and of the weight of a pixel itself.
+    """Return the plan with the given `average_patches` and `centre`.
 
     Raises
     ------
     ValueError
-        These belong to one sweep at p = 2, and the plan is another.
+        The plan is not one sweep at p = 2, to which these options belong.
     """
     centre, average_patches, reasons = asked["centre"], asked["average_patches"], dict(plan.reasons)
     if average_patches is not None:
@@ -160,7 +161,7 @@ def _searched(
     spread: float,
     start: float,
 ) -> DenoisePlan:
-    """The plan with the lam that a search finds."""
+    """Return the plan with the lam that a search finds."""
     pixels = raster.pixels(asked["dtype"])
     run: dict[str, Any] = {
         "solver": asked["solver"],

@@ -1,4 +1,4 @@
-"""What kind of denoising is asked for: :class:`Course`."""
+"""The kind of denoising: :class:`Course`."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from .options import Choice
 
 @dataclass(frozen=True)
 class Course:
-    """What kind of denoising is asked for; that decides what has to be chosen.
+    """The kind of denoising, which determines the parameters that have to be chosen.
 
     Attributes
     ----------
     local : bool
-        Weights that do not look at the data, with which a wide window would only blur: the paper's G_0.
+        Whether the weights do not depend on the data. A wide window would only blur: the graph is the paper's G_0.
     filters : bool
-        Sweeps at p = 2 of weights that look at the data.
+        Whether it is a filter: sweeps at p = 2 with weights that depend on the data.
     chooses : bool
-        Whether weights are chosen by a rule.
+        Whether the weights are chosen by a rule.
     needs_noise : bool
-        Whether the noise decides anything. What decides nothing is not looked for: it takes longer than a filter.
+        Whether a parameter depends on the noise. If not, the noise is not estimated: that takes longer than a filter.
     search : {"discrepancy", "sure", "j-invariance"} or None
-        How lam is to be searched for.
+        Method of the search for lam.
     most : int or None
-        Iterations at most of a solver that ends where a tolerance of its own is met; None for one that has none.
+        Maximum number of iterations of a solver with a default tolerance; None for other solvers.
     """
 
     local: bool
@@ -42,18 +42,18 @@ class Course:
 
     @classmethod
     def of(cls, asked: Choice, weights: Weights | npt.ArrayLike | None) -> Course:
-        """The course for these weights, None where they are to be chosen.
+        """Return the course for given weights, None if they have to be chosen.
 
         Raises
         ------
         TypeError, ValueError
-            No solver, a search that does not know what else is asked for.
+            An unknown solver, or a search for lam with an option that it does not support.
         """
         method = resolve(asked["solver"])
         search = cast("LamMethod", asked["lam"]) if isinstance(asked["lam"], str) else None
         if search is not None and (asked["guide"] is not None or asked["norm"] != "vertex"):
             raise ValueError(
-                f"the search lam={search!r} looks at the vertex norm and weights without a guide: give lam a number"
+                f"the search lam={search!r} needs norm='vertex' and weights without a guide: give lam a number"
             )
         plain = asked["p"] in (None, 2)
         by_rule = asked["lam"] is None or search is not None

@@ -1,4 +1,4 @@
-"""The fidelity of a plan, and how many iterations: :func:`fidelity_of`."""
+"""The fidelity and the number of iterations of a plan: :func:`fidelity_of`."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .noise import Noise
 from .options import Choice
 from .raster import Raster
 
-# The rule's lam for the edge norm, as a share of that for the vertex norm: on the camera picture at sigma 20 and p = 1
-# the best, on three photographs 0.5 to 0.7 were.
+# lam of the rule for the edge norm, as a share of lam for the vertex norm: the best value on the camera image at sigma
+# 20 and p = 1. On three photographs the best values were 0.5 to 0.7.
 _EDGE_NORM = 0.7
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How closely the result follows the image, and how it is reached.
+    """The fidelity, and when the iterations stop.
 
     Attributes
     ----------
     lam : float or array of the image's pixels
     max_iter : int
-        Iterations at most.
+        Maximum number of iterations.
     tol : float or None
     start : float
-        Where a search for lam begins.
+        First value of a search for lam.
     """
 
     lam: float | npt.ArrayLike
@@ -42,12 +42,12 @@ class Fidelity:
 def fidelity_of(
     asked: Choice, raster: Raster, noise: Noise, course: Course, of_weights: float, *, idle: bool
 ) -> tuple[Fidelity, dict[str, str]]:
-    """The fidelity, and why; `of_weights` is that of a filter, and an `idle` plan does nothing.
+    """Choose the fidelity, with reasons; `of_weights` is the lam of a filter, and an `idle` plan does nothing.
 
     Raises
     ------
     ValueError
-        A fidelity that is to follow from the noise, where there is none.
+        lam depends on the noise, and there is none.
     """
     why: dict[str, str] = {}
     lam = None if course.search is not None else asked["lam"]
@@ -66,7 +66,7 @@ def fidelity_of(
     if idle:
         return Fidelity(math.inf, 0, tol, start), why
     if lam is None and noise.level == 0 and (course.search is not None or not course.filters):
-        raise ValueError("without noise there is nothing to choose lam from: give it")
+        raise ValueError("without noise there is nothing to choose lam from: give lam a number")
     if course.filters:
         start = of_weights
     else:
@@ -82,7 +82,7 @@ def fidelity_of(
                 mask=raster.inside,
                 local=course.local,
             )
-        # at p = 2 more sweeps only blur
+        # at p = 2 further sweeps only blur
         default = 3 if degree == 2 else 200 if asked["k"] is None else 4
         if tol is None and asked["max_iter"] is None and degree != 2 and course.most is None:
             tol, why["tol"] = 1e-4, "rule"
@@ -94,6 +94,6 @@ def fidelity_of(
             chosen = float(np.asarray(chosen)) * _EDGE_NORM
             why["lam"] += f", {_EDGE_NORM} of it: edge norm"
         if noise.profile is not None:
-            # the data count by their variance
+            # the weight of a datum is the inverse of its variance
             chosen = np.asarray(chosen, np.float64) / noise.profile.reshape(raster.shape) ** 2
     return Fidelity(chosen, default if asked["max_iter"] is None else asked["max_iter"], tol, start), why

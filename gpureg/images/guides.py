@@ -1,4 +1,4 @@
-"""What weights compare in an image: values made up under a mask, guides; and the contrast."""
+"""Images that weights compare: guides, and images filled outside a mask; the contrast of an image."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..graphs.grid import GridGraph
 from ..weights import Patch, Smoothed, Weights, guided, patch_weights
 from .raster import Raster
 
-# Pixels that are filtered at a time.
+# Number of pixels filtered at a time.
 _BAND = 1 << 22
 
 
 def filled(f0: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
-    """`f0` with pixels outside the mask replaced by the nearest inside, so that patches over them mean something."""
+    """Replace the pixels outside the mask by the nearest ones inside, for patches that cover them."""
     from scipy import ndimage
 
     if not inside.any():
@@ -30,7 +30,7 @@ def filled(f0: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> npt.NDArray[A
 
 
 def for_a_guide(weights: Weights | npt.ArrayLike) -> Weights | npt.ArrayLike:
-    """The rule's weights for a guide, of whose noise nothing is known: none is taken off, and nothing is blurred."""
+    """Return the rule's weights for a guide: no noise is subtracted and nothing blurred, as its noise is unknown."""
     found = patch_weights(weights)
     return replace(found[0], sigma=0.0) if found is not None and isinstance(found[0], Patch) else weights
 
@@ -38,12 +38,12 @@ def for_a_guide(weights: Weights | npt.ArrayLike) -> Weights | npt.ArrayLike:
 def guided_by(
     weights: Weights | npt.ArrayLike, guide: npt.ArrayLike, grid: GridGraph, channel_axis: int | None
 ) -> Weights:
-    """A weight function that compares a guide: an image of the grid's shape, or with channels as the image has them.
+    """Return a weight function that compares a guide: an image of the grid's shape, with or without channels.
 
     Raises
     ------
     TypeError, ValueError
-        No weight function, or a guide of another shape, or not of finite numbers.
+        Not a weight function, or a guide of another shape or with values that are not finite.
     """
     if not isinstance(weights, Weights):
         raise TypeError("a guide needs weights that are computed from it, such as gpureg.weights.bilateral(...)")
@@ -64,14 +64,14 @@ def guided_by(
 
 
 def contrast(raster: Raster) -> float:
-    """Range of the image without its noise: of a Gaussian-smoothed copy, over all channels."""
+    """Estimate the range of the image without noise: the range of a copy smoothed by a Gaussian, over all channels."""
     from scipy import ndimage
 
     cells = raster.cells
     kind: Any = np.float64 if cells.dtype.itemsize > 4 else np.float32
     if raster.inside is not None:
         cells = filled(cells.astype(kind), raster.inside)
-    # Bands of rows with the filter's reach around them: the same values in little memory.
+    # Bands of rows, extended by the radius of the filter, give the same values with less memory.
     spread, reach = 2.0, 8
     band = max(1, _BAND // max(1, cells[0].size))
     low, high = math.inf, -math.inf

@@ -1,4 +1,4 @@
-"""The door for images with missing pixels: :func:`inpaint_image`."""
+"""Filling in of missing pixels: :func:`inpaint_image`."""
 
 from __future__ import annotations
 
@@ -51,38 +51,38 @@ def inpaint_image(
     Parameters
     ----------
     image : array
-        Two or more axes, besides the channels. Values are used as they come, never rescaled.
+        Two or more axes, not counting the channels. Values are not rescaled.
     missing : bool array
-        True where a pixel is missing, in the shape of the image without its channels. What stands there is ignored, NaN
-        included.
+        True where a pixel is missing, in the shape of the image without its channels. The image's values there are
+        ignored and may be NaN.
     p : float, default 2
-        Degree of regularity > 0: 2 is the harmonic fill, 1 total variation, which continues edges along the shortest
-        way, a large p tends to the absolutely minimal Lipschitz fill.
+        Degree of regularity > 0: 2 is the harmonic fill; 1 is total variation, which continues edges along the shortest
+        way; a large p tends to the absolutely minimal Lipschitz fill.
     radius : float, optional
-        Reach of the window, in the units of `spacing`; None takes the nearest neighbours for constant weights, or 10 of
-        the smallest cells (2 in a volume).
+        Radius of the window, in the units of `spacing`. None means the nearest neighbours for constant weights,
+        otherwise 10 of the smallest cells (2 in a volume).
     metric : {"chebyshev", "euclidean", "cityblock"}, optional
         Shape of the window: square, disk or diamond.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights`, or one value per directed edge of the grid; None: 1. Weights that compare
-        values do so in a first fill, the harmonic one.
+        An object of :mod:`gpureg.weights`, or one value per directed edge of the grid. None means 1. Weights that
+        compare values compare those of a first, harmonic fill.
     update_weights : int, optional
-        Compute the weights anew every so many iterations, from what is filled in by then.
+        Number of iterations after which the weights are computed again, from the current fill.
     max_iter : int, default 2000
-        Iterations at most.
+        Maximum number of iterations.
     spacing : tuple of float, optional
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
-        The axis of the channels, regularized together; None for a grey image.
+        The axis of the channels, which are regularized together; None for a grey image.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`; the range is that of the known pixels, and `tol` is 1e-5 by default. dtype =
-        None takes float32, or float64 for integers of more than 16 bits.
+        As in :func:`gpureg.regularize`, with the range of the known pixels; the default `tol` is 1e-5. dtype = None
+        means float32, or float64 for integers of more than 16 bits.
 
     Returns
     -------
     array
-        In the shape and dtype of `image`: known pixels as they are, to the bit; the others, where integers, rounded and
-        clipped. A missing pixel that no edge of weight > 0 joins to a known one keeps the first fill.
+        In the shape and dtype of `image`. Known pixels are unchanged, bit for bit; integers are rounded and clipped.
+        A missing pixel without an edge of weight > 0 has the value of the first fill.
 
     Raises
     ------
@@ -99,10 +99,10 @@ def inpaint_image(
 
     Notes
     -----
-    One call of :func:`gpureg.regularize` (eq. 19, 20) with lam infinite at known pixels and 0 at missing ones. It
-    starts at the solution of p = 2 (:mod:`gpureg.regularization.harmonic`), and sees no more of the image than what
-    the missing pixels can depend on. Texture is not invented: p-Laplacian fills are smooth; patch weights carry it
-    over from places that look alike.
+    This is one call of :func:`gpureg.regularize` (eq. 19, 20) with lam infinite at known pixels and 0 at missing ones,
+    on the part of the image that the missing pixels depend on. It starts at the solution for p = 2
+    (:mod:`gpureg.regularization.harmonic`). p-Laplacian fills are smooth, without texture; patch weights copy texture
+    from similar places.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def inpaint_image(
     raster = _known(image, channel_axis, holes)
     _check(asked, p=p, radius=radius, metric=metric, update_weights=update_weights, max_iter=max_iter)
     if holes.all():
-        raise ValueError("every pixel is missing: missing is True where one is, one at least must be False")
+        raise ValueError("every pixel is missing: at least one value of missing must be False")
     if not holes.any():
         return raster.values.copy()
     kind = raster.computed_type(asked.pop("dtype"))
@@ -142,9 +142,9 @@ def inpaint_image(
     computed: dict[str, Any] = {"backend": asked["backend"], "dtype": kind}
     first = small if plain else GridGraph(hole.shape, 1, "cityblock")
     f0, _ = harmonic(f0, first, known.ravel(), **computed)
-    # From the nearest pixels, a hole 16, 32, 64 pixels wide of the camera picture takes 160, 840, 2320 sweeps to 0.1 %
-    # of the range at p = 2; this start takes none. Patch weights (radius 2, h = 60, 15 x 15 window, scratches) take
-    # 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in all, from the weighted one.
+    # Measured on the camera image. Holes 16, 32 and 64 pixels wide, filled from the nearest pixels, need 160, 840 and
+    # 2320 sweeps to 0.1 % of the range at p = 2; with this start none. Patch weights (radius 2, h = 60, 15 x 15 window,
+    # scratches) need 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in total, from the weighted fill.
     start = f0 if plain else harmonic(f0, small, known.ravel(), weights=weights, **computed)[0]
     found = data_range / (float(f0.max()) - float(f0.min()) or 1.0)
     try:
@@ -156,7 +156,7 @@ def inpaint_image(
             weights=weights,
             eps=eps,
             max_iter=max_iter,
-            # a share of the whole image's range
+            # relative to the range of the whole image
             tol=None if tol is None else tol * found,
             update_weights=update_weights,
             initial=start,
@@ -170,12 +170,12 @@ def inpaint_image(
 
 
 def _known(image: npt.ArrayLike, channel_axis: int | None, missing: npt.NDArray[Any]) -> Raster:
-    """The image, its mask that of the known pixels.
+    """Check the image; the known pixels are its mask.
 
     Raises
     ------
     TypeError, ValueError
-        As :meth:`Raster.of`, and a `missing` that is not boolean or not in the shape of the pixels.
+        As :meth:`Raster.of`; also a `missing` that is not boolean or not in the shape of the pixels.
     """
     if missing.dtype != np.bool_:
         raise ValueError(f"missing must be boolean, True where a pixel is missing, got {missing.dtype}")
@@ -196,7 +196,7 @@ def _check(
     update_weights: int | None,
     max_iter: int,
 ) -> None:
-    """Refuse what is wrong whatever the image holds."""
+    """Check the arguments that do not depend on the image."""
     check_run(asked)  # type: ignore[arg-type]
     choice("norm", asked["norm"], NORMS)
     resolve(asked["solver"])
@@ -214,10 +214,10 @@ def _check(
 
 
 def _window(missing: Mask, grid: GridGraph, weights: Weights | npt.ArrayLike | None, p: float) -> tuple[slice, ...]:
-    """The box of all that missing pixels depend on, exactly; the whole image where weights may know all of it.
+    """Return the box of the pixels that missing pixels depend on; for unknown kinds of weights the whole image.
 
-    A missing pixel looks at its neighbours, which for p != 2 know their own gradient norms, and weights look at patches
-    around both.
+    A missing pixel depends on its neighbours, for p != 2 also on theirs (through gradient norms), and weights depend
+    on the patches around both.
     """
     local = weights is None or isinstance(weights, Constant | Bilateral | Patch)
     if not local:
@@ -233,7 +233,7 @@ def _window(missing: Mask, grid: GridGraph, weights: Weights | npt.ArrayLike | N
 
 
 def _painted(raster: Raster, value: FloatArray, window: tuple[slice, ...], hole: Mask) -> npt.NDArray[Any]:
-    """A copy of the image with the missing pixels of the window painted in."""
+    """Return a copy of the image with the missing pixels of the window filled in."""
     paint, kind = value.reshape(*hole.shape, -1)[hole], raster.values.dtype
     if kind.kind in "iu":
         limits = np.iinfo(kind)

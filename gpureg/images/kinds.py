@@ -1,4 +1,4 @@
-"""The weights of a plan: :func:`named_weights` makes those asked for by name, :func:`weights_of` chooses them."""
+"""The weights of a plan: :func:`named_weights` makes weights from a name, :func:`weights_of` chooses weights."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Reasons = dict[str, str]
 
 
 def follow_from_noise(asked: Choice) -> bool:
-    """Whether weights that are asked for by name follow from the noise."""
+    """Return whether weights given by name depend on the noise."""
     kind = asked["weights"]
     named = kind if isinstance(kind, str) else None
     return named == "patch" or (named == "bilateral" and asked["sigma_value"] is None)
 
 
 def named_weights(asked: Choice, noise: Noise, raster: Raster) -> tuple[Weights | npt.ArrayLike | None, Reasons]:
-    """The weights that are given, or made of a name and the noise, and why they are what they are.
+    """Return the weights that are given, or made from a name and the noise, with reasons.
 
-    None where they are to be chosen, as where a name leaves open what the noise says and there is none.
+    The weights are None if they have to be chosen, or if a parameter depends on the noise and there is none.
     """
     kind = asked["weights"]
     if not isinstance(kind, str):
@@ -72,9 +72,9 @@ def weights_of(
     *,
     idle: bool,
 ) -> tuple[NonlocalRule, Reasons]:
-    """The weights, what belongs to them, and why; without any effect where the plan is `idle`, to do nothing."""
+    """Choose the weights and their lam and average_radius, with reasons; an `idle` plan has constant weights."""
     if given is not None:
-        return NonlocalRule(given, 2.0, None), {}  # lam = 2: the centre counted once
+        return NonlocalRule(given, 2.0, None), {}  # lam = 2: weight 1 for the pixel itself
     k = asked["k"]
     why = {"weights": "rule: constant for p other than 2" if course.local else "rule: nonlocal means at p = 2"}
     if k is not None:
@@ -94,5 +94,5 @@ def weights_of(
     if asked["guide"] is not None:
         rule = rule._replace(weights=for_a_guide(rule.weights))
     if asked["max_iter"] not in (None, 1) or asked["tol"] is not None or course.most is not None:
-        rule = rule._replace(average_radius=None)  # patches are averaged after one sweep on the grid alone
+        rule = rule._replace(average_radius=None)  # patches are averaged only after a single sweep on the grid
     return rule, why

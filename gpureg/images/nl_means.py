@@ -1,4 +1,4 @@
-"""The door of nonlocal means."""
+"""Nonlocal means: :func:`denoise_nl_means`."""
 
 from __future__ import annotations
 
@@ -33,53 +33,53 @@ def denoise_nl_means(
     cut: float = 0.0,
     **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
-    """Nonlocal means: every pixel becomes the mean of those of its window whose surroundings look alike.
+    """Denoise an image by nonlocal means: each pixel becomes the mean of the pixels with similar patches around them.
 
     Parameters
     ----------
     image : array
-        Two or more axes (space, time), besides the channels; any integer or real type.
+        Two or more axes (space, time), not counting the channels; any integer or real type.
     patch_radius : int, default 2
-        Patches are squares of 2 patch_radius + 1 pixels a side.
+        Patches are squares with a side of 2 patch_radius + 1 pixels.
     radius : float, optional
-        Reach of the window, in the units of `spacing`; None takes 7 of the smallest cells, 2 in a volume.
+        Radius of the window, in the units of `spacing`. None means 7 of the smallest cells, 2 in a volume.
     h : float or array, optional
-        Filtering parameter > 0, or one per pixel (then h(u) h(v) stands for h^2): in the image's units times the square
-        root of the sum of g and of the number of channels. None takes 0.6 of the noise times that root; where
-        `sigma` is 0, the noise is estimated, and its share taken off the distances as if it had been given.
+        Filtering parameter > 0, in the image's units times sqrt(C sum(g)) for C channels. With one value per pixel,
+        h(u) h(v) replaces h^2. None means 0.6 times the noise times that root; if `sigma` is 0, the noise is estimated
+        and also used as `sigma`.
     patch_sigma : float, optional
-        Standard deviation a > 0, in pixels, of a Gaussian patch g_a that sums to 1. None: the flat patch, g = 1.
+        Standard deviation a > 0, in pixels, of a Gaussian patch g_a that sums to 1. None means a flat patch, g = 1.
     sigma : float or array, default 0
-        Standard deviation of the noise, or one per pixel: its share 2 sigma^2 is taken off each squared difference.
+        Standard deviation of the noise, or one per pixel: 2 sigma^2 is subtracted from each squared difference.
     lam : float or array, default 2
-        Twice the weight of the pixel itself, in the units that `centre` says; infinity keeps a pixel.
+        Twice the weight of the pixel itself, in the unit defined by `centre`; with infinity the pixel does not change.
     centre : {"once", "largest", "none"}, default "once"
-        Whether lam = 2 counts the pixel itself with weight 1, with the largest weight of its neighbours, or not at all.
+        lam = 2 gives the pixel itself weight 1, the largest weight of its neighbours, or weight 0.
     average_patches : bool or "weighted", default False
-        Estimate whole patches, and average at each pixel the estimates of all patches that cover it: less noise left
-        around edges and in rare places. "weighted" counts a patch by the sum of the weights it found, so that one that
-        found nothing alike does not speak for its neighbours.
+        Estimate whole patches, and average at each pixel the estimates of all patches that cover it. This leaves less
+        noise at edges and in rare structures. "weighted" weights each patch by the sum of its weights, so that a patch
+        without similar ones counts little.
     average_radius : int, optional
-        Radius of the patches that are averaged; None takes `patch_radius`.
+        Radius of the patches that are averaged; None means `patch_radius`.
     cut : float, default 0
-        Weights below it count as 0.
+        Weights below this value are set to 0.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
-        Window: square, disk or diamond.
+        Shape of the window: square, disk or diamond.
     border : {"clip", "reflect", "symmetric", "nearest", "wrap", "constant"}, default "clip"
-        What a window that reaches over the border sees: nothing, the image mirrored without its edge pixel or
-        with it, the edge pixel again, the other end, or `constant`. With "clip" patches alone are filled by reflection.
+        Values beyond the border: none, the image mirrored without its edge pixel or with it, the edge pixel repeated,
+        the other end, or `constant`. "clip" clips windows; patches that cross the border are filled by reflection.
     constant : float, default 0
         The value beyond the border for "constant".
     guide : array, optional
-        What the patches compare instead of `image`.
+        The image that the patches compare instead of `image`.
     mask : bool array, optional
-        True where a pixel takes part; the others, which may be NaN, come back as they are.
+        True where a pixel takes part; the other pixels are returned unchanged and may be NaN.
     spacing : tuple of float, optional
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
         Axis of the channels, which are compared and averaged together.
     backend, dtype, memory, callback, progress
-        As in :func:`gpureg.denoise_image`. With a callback the weights are stored, so that there is an energy to tell.
+        As in :func:`gpureg.denoise_image`. With a callback the weights are stored, as the energy needs them.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def denoise_nl_means(
     ValueError, TypeError
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable
-        A backend or device that is not there.
+        A backend or device that is not available.
 
     Warns
     -----
@@ -100,10 +100,10 @@ def denoise_nl_means(
 
     Notes
     -----
-    f(u) = (lam/2 f0(u) + sum_v w2(u, v) f0(v)) / (lam/2 + sum_v w2(u, v)) with w2(u, v) = exp(-rho(u, v)/h^2), eq. 25
-    at p = 2 with the weights of section 5.2; Buades, Coll, Morel (SIAM MMS 4(2), 2005; IPOL 2011 for averaged patches,
-    which they call patchwise). With the H of OpenCV and scikit-image, h^2 = C s H^2 for flat patches of s pixels and C
-    channels.
+    Computes f(u) = (lam/2 f0(u) + sum_v w2(u, v) f0(v)) / (lam/2 + sum_v w2(u, v)) with w2(u, v) =
+    exp(-rho(u, v)/h^2): eq. 25 at p = 2 with the weights of section 5.2. See Buades, Coll, Morel (SIAM MMS 4(2), 2005;
+    IPOL 2011 for averaged patches, called patchwise there). The parameter H of OpenCV and scikit-image gives
+    h^2 = C s H^2 for flat patches of s pixels and C channels.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def denoise_nl_means(
         finest, coarsest = cell_sizes(asked["spacing"])
         radius = max((7 if raster.ndim == 2 else 2) * finest, coarsest)
     number("radius", radius, finite=False)
-    # The weight function's own checks come first; a map is checked on its own shape.
+    # Run the checks of the weight function before the noise is estimated.
     sigmas = map_of("sigma", sigma, raster.shape, low=0)
     by_row = sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas)
     patch(patch_radius, 1.0, sigma=by_row, patch_sigma=patch_sigma, cut=cut)

@@ -1,4 +1,4 @@
-"""The nonlocal weights that :func:`gpureg.denoise_image` takes where none are given: a rule from the noise alone."""
+"""The default nonlocal weights of :func:`gpureg.denoise_image`, chosen from the noise by a rule."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from ..weights import OPPONENT, Weights, blur_norm, patch, smoothed
 
-# The noise beyond which the rule does not go on, in 255ths of the contrast.
+# The largest noise of the rule, in 255ths of the contrast; above it the parameters stay the same.
 _LOUDEST = 60.0
 
 
 class NonlocalRule(NamedTuple):
-    """What the rule chooses.
+    """The parameters that the rule chooses.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class NonlocalRule(NamedTuple):
     lam : float
         Twice the weight of a pixel itself.
     average_radius : int or None
-        Radius of the patches whose estimates are averaged, each counted by its weights; None averages none.
+        Radius of the patches whose estimates are averaged with their weights; None means no averaging.
     """
 
     weights: Weights | npt.ArrayLike
@@ -41,7 +41,7 @@ def nonlocal_rule(
     profile: npt.NDArray[np.float64] | None = None,
     patch_radius: int | None = None,
 ) -> NonlocalRule:
-    """Choose one step of nonlocal means for an image.
+    """Choose the parameters of one sweep of nonlocal means for an image.
 
     Parameters
     ----------
@@ -50,21 +50,22 @@ def nonlocal_rule(
     spread : float
         Contrast of the image, in its units.
     channels, ndim : int
-        Of the image; `ndim` is the number of axes of the grid.
+        Number of channels of the image, and number of axes of the grid.
     spacing : sequence of float, one per axis, optional
-        That of the grid.
+        Spacing of the grid.
     profile : (n,) float array, optional
-        What each pixel has of the noise; None means 1 everywhere.
+        Noise of each pixel as a multiple of `noise`; None means 1 everywhere.
     patch_radius : int, optional
-        Radius of the patches; None takes what the Gaussian needs.
+        Radius of the patches; None means a radius that depends on the standard deviation a of the Gaussian patch.
 
     Notes
     -----
-    Weights compare a copy of the image blurred by a Gaussian of half a pixel, in RGB as brightness and, at 0.45, two
-    opponent colours; patches are Gaussian, of deviation a; what the blur leaves of the noise, and a fifth more, is
-    taken off their distances; neighbours further away count less (sigma_space); 3 x 3 patches are averaged by their
-    weights. With L the noise in 255ths of the contrast, fitted at L = 5 to 60 on seven grey and three colour
-    photographs and on three synthetic volumes and two series, by coordinate descent on the mean PSNR.
+    The weights compare a copy of the image that is blurred by a Gaussian of about half a pixel; RGB images as
+    brightness and two opponent colours times 0.45. Patches are Gaussian, in colour 3 x 3 and flat. The noise left after
+    the blur, plus 10 or 20 percent of its variance, is subtracted from their distances. Further neighbours have smaller
+    weights (sigma_space), and 3 x 3 patches are averaged with their weights, not in volumes. The formulas use the noise
+    L in 255ths of the contrast. They were fitted at L = 5 to 60 by coordinate descent on the mean PSNR, on seven grey
+    and three colour photographs, three synthetic volumes and two series.
     """
     level = min(_LOUDEST, 255 * noise / spread) if spread > 0 else _LOUDEST
     blur, share, own, taken = 0.4 + level / 200, math.sqrt(channels), 0.6 + level / 70, 1.2
@@ -81,14 +82,14 @@ def nonlocal_rule(
         a, h, own, taken, sigma_space = 0.8, 0.9 - level / 80, 0.6, 1.1, 5 + level / 6
     opponent = channels == 3
     if opponent:
-        # a distance in opponent colours has the noise of so many equal channels
+        # a distance in opponent colours has the noise of this number of equal channels
         share = math.sqrt((OPPONENT**2).sum())
     h = max(h, 0.34 if channels > 1 else 0.4) * noise * share
     left = noise * math.sqrt(taken / channels) * share * blur_norm(blur, spacing, ndim)
     radius = min(5 if ndim == 2 else 2, math.ceil(1.5 * a)) if patch_radius is None else patch_radius
     shape: float | None = a
     if channels > 1 and ndim == 2:
-        # a flat patch of 3 x 3 tells as much in colour: its weights sum to 9
+        # in colour a flat patch of 3 x 3 is as good; it sums to 9
         radius = 1 if patch_radius is None else patch_radius
         shape, h = None, 0.95 * (2 * radius + 1) * h
     sigma_space *= math.sqrt(2) * (1.0 if spacing is None else min(spacing))

@@ -1,4 +1,4 @@
-"""What :func:`denoise_nl_means` and :func:`denoise_bilateral` have in common: one step of the model at p = 2."""
+"""One sweep of the model at p = 2, for :func:`denoise_nl_means` and :func:`denoise_bilateral`."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ def one_step(
     average_patches: AveragePatches = False,
     averaged: int = 0,
 ) -> npt.NDArray[Any]:
-    """Make one sweep at p = 2, beyond borders of any kind.
+    """Make one sweep at p = 2, with any kind of border.
 
     Parameters
     ----------
     raster : Raster
         The image.
     weights : callable
-        Makes the weight function of the maps, each a number or (n,).
+        Makes the weight function from the maps, each a number or (n,).
     maps : dict
         Parameters of the weights: numbers, or arrays of the image's pixels.
     asked : Filter
         All options.
     radius : float
-        Of the window.
+        Radius of the window.
     reach : int, default 0
         Radius of the patches that the weights compare.
     average_patches : bool or "weighted", default False
@@ -62,15 +62,13 @@ def one_step(
         compared = np.asarray(asked["guide"])
         if raster.channel_axis is not None and compared.ndim == raster.values.ndim:
             compared = np.moveaxis(compared, raster.channel_axis, -1)
-    # So far that neither a window nor the patches in it end inside the image.
+    # Wide enough that neither a window nor its patches are clipped.
     widths = (0,) * grid.ndim
     if beyond != "clip":
         steps = np.array(grid.spacing or (1.0,) * grid.ndim)
         beside = reach + (averaged if average_patches else 0)
         if not math.isfinite(radius):
-            raise ValueError(
-                f"an infinite window needs border='clip', got {beyond!r}: beyond the border there is no end"
-            )
+            raise ValueError(f"an infinite window needs border='clip', got {beyond!r}: the padding would be infinite")
         widths = tuple((np.floor(radius / steps + 1e-9).astype(int) + beside).tolist())
         cells = padded(cells, widths, beyond, constant)
         repeated = "nearest" if beyond == "constant" else beyond
@@ -92,7 +90,7 @@ def one_step(
         average_radius=averaged,
     )
     run: dict[str, Any] = {name: x for name, x in asked.items() if name in RUN}
-    # lam = 0 is the plain sweep, whatever the graph: a step is no iteration that could swing
+    # No damping for lam = 0 on any graph: a single sweep cannot oscillate.
     wide = replace(raster, values=cells, inside=inside, channel_axis=last)
     value = run_plan(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value
     image = cropped(value, widths)

@@ -1,4 +1,4 @@
-"""Options that several doors of images take and hand on as one, and how they are checked."""
+"""Options that several public functions of images have in common, and their checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .plan import CENTRES, AveragePatches, Centre
 
 WeightKind = Literal["constant", "bilateral", "patch"]
 WEIGHTS: tuple[WeightKind, ...] = ("constant", "bilateral", "patch")
-# Options that belong to one kind of weights alone.
+# Options that belong to only one kind of weights.
 OF_WEIGHTS: dict[str, WeightKind] = {
     "h": "patch",
     "patch_sigma": "patch",
@@ -30,15 +30,15 @@ OF_WEIGHTS: dict[str, WeightKind] = {
 
 
 class OnPixels(Run, total=False):
-    """Which pixels take part, and what weights compare.
+    """The pixels that take part, and the image that weights compare.
 
     Attributes
     ----------
     guide : array of the image's pixels, with or without channels, optional
-        What the weights compare instead of the image.
+        The image that the weights compare instead of the given one.
     mask : bool array of the image's pixels, optional
         True where a pixel takes part; None for everywhere.
-    spacing : sequence of float, one per axis without that of the channels, optional
+    spacing : sequence of float, one per axis except the channels, optional
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
         The axis of the channels; None for a grey image.
@@ -51,18 +51,18 @@ class OnPixels(Run, total=False):
 
 
 class Filter(OnPixels, total=False):
-    """What nonlocal means and the bilateral filter have in common: one step at p = 2.
+    """Options of nonlocal means and of the bilateral filter: one sweep at p = 2.
 
     Attributes
     ----------
     lam : float or array of the image's pixels, default 2
-        Twice the weight of the pixel itself, in the units that `centre` says.
+        Twice the weight of the pixel itself, in the unit defined by `centre`.
     centre : {"once", "largest", "none"}, default "once"
-        What lam = 2 makes of the pixel itself.
+        Weight of the pixel itself for lam = 2: 1, the largest weight of its neighbours, or 0.
     metric : {"chebyshev", "euclidean", "cityblock"}, default "chebyshev"
         Shape of the window.
     border : {"clip", "reflect", "symmetric", "nearest", "wrap", "constant"}, default "clip"
-        What a window that reaches over the border sees.
+        Values beyond the border.
     constant : float, default 0
         The value beyond the border for "constant".
     """
@@ -75,7 +75,7 @@ class Filter(OnPixels, total=False):
 
 
 class Choice(OnPixels, Model, total=False):
-    """What a plan is made from; what is left out, None, is chosen.
+    """The options from which a plan is made; the plan chooses those that are None.
 
     Attributes
     ----------
@@ -89,15 +89,15 @@ class Choice(OnPixels, Model, total=False):
         The window.
     weights : Weights, array with one value per directed edge, or a kind of weights, optional
     h, patch_radius, patch_sigma
-        What the kind "patch" is made of.
+        Parameters of the kind "patch".
     sigma_space, sigma_value
-        What the kind "bilateral" is made of.
+        Parameters of the kind "bilateral".
     k : int, optional
-        Edges of each pixel that stay, those to the nearest patches.
+        Number of edges that each pixel uses, those to the nearest patches.
     centre, average_patches
-        What one sweep does besides.
+        Options of a single sweep.
     max_iter : int, optional
-        Iterations at most.
+        Maximum number of iterations.
     """
 
     sigma: float | npt.ArrayLike | None
@@ -118,7 +118,7 @@ class Choice(OnPixels, Model, total=False):
 
 
 class Denoise(Choice, total=False):
-    """What :func:`gpureg.denoise_image` takes: a choice, and what of the model no plan says.
+    """Options of :func:`gpureg.denoise_image`: those of a plan, and options of the model that are not in a plan.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class Denoise(Choice, total=False):
 
 
 class RunPlan(Run, total=False):
-    """What :func:`gpureg.run_plan` takes besides the plan and the image.
+    """Options of :func:`gpureg.run_plan`.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class RunPlan(Run, total=False):
 
 
 def _own(options: type, *bases: type) -> dict[str, Any]:
-    """The options that some have and their bases do not, None each."""
+    """Return the options of a class that its bases do not have, each None."""
     inherited = {name for base in bases for name in base.__annotations__}
     return {name: None for name in options.__annotations__ if name not in inherited}
 
@@ -189,23 +189,23 @@ def map_of(
     Parameters
     ----------
     name : str
-        The parameter, for the error.
+        Name of the parameter, for the error message.
     value : float or array
-        What was given.
+        The given value.
     shape : tuple of int
-        The image's, without its channels.
+        Shape of the image without its channels.
     low, above, finite
-        The range of a number, as in :func:`gpureg.checks.number`. What an array holds is checked where it is used.
+        The range of a number, as in :func:`gpureg.checks.number`. The values of an array are checked at use.
 
     Returns
     -------
     float or array
-        A number as it came, or the array.
+        The number unchanged, or the array.
 
     Raises
     ------
     TypeError, ValueError
-        Neither, a number out of its range, an array of another shape.
+        Neither of them, a number out of its range, an array of another shape.
     """
     array = np.asarray(value)
     if array.ndim == 0:
@@ -219,7 +219,7 @@ def map_of(
 
 
 def check_run(options: Run) -> None:
-    """Refuse options of a run that are wrong whatever is run; ``backend`` and ``dtype`` are checked at use.
+    """Check the options of a run; ``backend`` and ``dtype`` are checked at use.
 
     Raises
     ------
@@ -233,12 +233,12 @@ def check_run(options: Run) -> None:
 
 
 def check_filter(asked: Filter, shape: tuple[int, ...]) -> None:
-    """Refuse what no filter can be made from, for an image of this shape without its channels.
+    """Check the options of a filter, for an image of this shape without its channels.
 
     Raises
     ------
     TypeError, ValueError
-        A number out of its range, an unknown word.
+        A number out of its range, an unknown name.
     """
     check_run(asked)
     choice("centre", asked["centre"], CENTRES)
@@ -249,7 +249,7 @@ def check_filter(asked: Filter, shape: tuple[int, ...]) -> None:
 
 
 def check_averaging(average_patches: Any) -> None:
-    """Refuse what is no value of `average_patches`.
+    """Check the value of `average_patches`.
 
     Raises
     ------
@@ -260,12 +260,12 @@ def check_averaging(average_patches: Any) -> None:
 
 
 def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
-    """Refuse what no plan can be made from, for an image of this shape without its channels.
+    """Check the options of a plan, for an image of this shape without its channels.
 
     Raises
     ------
     TypeError, ValueError
-        A number out of its range, an unknown word, options that belong to other weights.
+        A number out of its range, an unknown name, options that belong to other weights.
     """
     check_run(asked)
     given: Mapping[str, Any] = cast("Mapping[str, Any]", asked)
@@ -279,7 +279,7 @@ def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
         if given[name] is not None:
             number(name, given[name], above=0, finite=not name.startswith("sigma_"))
     if given["radius"] is not None:
-        number("radius", given["radius"], finite=False)  # how far it must reach the grid says
+        number("radius", given["radius"], finite=False)  # the grid checks that it reaches a neighbour
     if given["sigma"] is not None:
         map_of("sigma", given["sigma"], shape, low=0)
     lam = given["lam"]
@@ -293,12 +293,12 @@ def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
     if given["centre"] is not None:
         choice("centre", given["centre"], CENTRES)
         if given["centre"] == "none" and lam is not None:
-            raise ValueError("centre='none' leaves the pixel itself out, so that lam has no meaning: leave one out")
+            raise ValueError("centre='none' leaves the pixel itself out, so that lam has no meaning: give only one")
     if given["average_patches"] is not None:
         check_averaging(given["average_patches"])
     one_step = given["centre"] is not None or given["average_patches"]
     if one_step and lam is not None and not isinstance(lam, str) and np.ndim(lam) == 0 and lam == 0:
-        raise ValueError("lam = 0 leaves the pixel itself out: leave lam out and say centre='none'")
+        raise ValueError("lam = 0 leaves the pixel itself out: give centre='none' instead of lam")
     if isinstance(given["weights"], str):
         choice("weights", given["weights"], WEIGHTS)
     for name, owner in OF_WEIGHTS.items():
@@ -307,4 +307,4 @@ def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
     by_rule = given["weights"] is None and (given["p"] in (None, 2) or given["k"] is not None)
     named = isinstance(given["weights"], str) and given["weights"] == "patch"
     if given["patch_radius"] is not None and not (named or by_rule):
-        raise ValueError("patch_radius needs weights='patch', or the patches of the rule for p = 2 or k")
+        raise ValueError("patch_radius needs weights='patch', or the rule's patches: without weights, p = 2 or k")

@@ -1,4 +1,4 @@
-"""The graph of a grid's most similar patches: what makes nonlocal iterations affordable (section 5.2)."""
+"""The graph of a grid's most similar patches, for fast nonlocal iterations (section 5.2)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from .guides import filled, guided_by
 from .options import ON_PIXELS, OnPixels, check_run
 from .raster import Raster
 
-# Distances that are looked at together: a window around so many pixels.
+# Number of distances computed at a time.
 _TABLE = 1 << 24
-# Bytes that one of them takes: it and what it is computed from.
+# Bytes per distance, with temporary arrays.
 _ENTRY = 16
 
 Symmetrize = Literal["max", "mutual"]
@@ -51,25 +51,25 @@ def patch_graph(
     Parameters
     ----------
     image : array
-        Two or more axes, besides the channels.
+        Two or more axes, not counting the channels.
     k : int
-        Neighbours that each pixel chooses, at least 1; a window with fewer pixels gives all of them.
+        Number of neighbours that each pixel chooses, at least 1; all pixels of a window that has fewer.
     patch_radius, patch_sigma
         The patch, as in :func:`gpureg.weights.patch`.
     radius, metric, spacing, mask, channel_axis
         The window, as in :func:`gpureg.denoise_image`.
     symmetrize : {"max", "mutual"}, default "max"
-        An edge where either of two pixels chose the other, or where both did.
+        "max" joins two pixels if one chose the other, "mutual" only if both did.
     guide : array, optional
-        What the patches compare instead of `image`, e.g. a cleaner picture: of its shape, or with other channels.
+        The image that the patches compare instead of `image`, e.g. a cleaner one: of its shape, or with other channels.
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`. There are no iterations: a callback is never called.
 
     Returns
     -------
     Graph
-        Without weights; its vertices are the pixels in row-major order, it knows the grid and the pixels' positions, so
-        that every function of :mod:`gpureg.weights` can be used on it.
+        A graph without weights. Its vertices are the pixels in row-major order. It has a grid and positions, so that
+        all functions of :mod:`gpureg.weights` can be used on it.
 
     Raises
     ------
@@ -83,8 +83,8 @@ def patch_graph(
 
     Notes
     -----
-    The k nearest patches of section 5.2; the paper's window of 21 x 21 has 440 edges a pixel, of which the best ten do
-    most of the work. Distances are those of the patches as they are: the noise's share 2 sigma^2 is the same in all.
+    These are the k nearest patches of section 5.2. The paper's window of 21 x 21 has 440 edges per pixel; the best ten
+    are the most important. The noise's share 2 sigma^2 is not subtracted: it is the same in all distances.
 
     Examples
     --------
@@ -143,14 +143,14 @@ def nearest_patches(
         The function on the grid that the patches compare.
     grid : GridGraph
     weights : Weights
-        Of patches, with a guide or without.
+        Patch weights, with or without a guide.
     k, symmetrize, backend, dtype, memory, progress
         As in :func:`patch_graph`.
 
     Raises
     ------
     TypeError, ValueError
-        `k` is no integer >= 1, weights that are not patches', an unknown `symmetrize`.
+        A `k` that is not an integer >= 1, weights that are not patch weights, an unknown `symmetrize`.
     """
     k = integer("k", k, low=1)
     choice("symmetrize", symmetrize, SYMMETRIZE)
@@ -159,7 +159,7 @@ def nearest_patches(
     if not isinstance(function, Patch):
         raise ValueError("nearest patches need patch weights: weights=gpureg.weights.patch(...)")
     compared = f if guided is None else guided.of(grid, f)
-    # A patch's own profile, without what the noise or a map makes of its distances.
+    # The same patch without noise, maps and cut.
     bare = patch(function.patch_radius, 1.0, patch_sigma=function.patch_sigma)
     device = backends.get(backend, np.float32 if dtype is None else dtype)
     bands = _bands(grid, min(_TABLE, budget(device, memory).total // _ENTRY))
@@ -174,7 +174,7 @@ def nearest_patches(
 
 
 def _bands(grid: GridGraph, entries: int) -> list[tuple[int, int]]:
-    """Ranges along the first axis, whose windows hold at most so many distances."""
+    """Return ranges along the first axis with at most `entries` distances each."""
     per_row = math.prod(grid.shape[1:]) * max(1, len(grid.offsets))
     step = max(1, entries // per_row)
     return [(first, min(first + step, grid.shape[0])) for first in range(0, grid.shape[0], step)]
@@ -183,7 +183,7 @@ def _bands(grid: GridGraph, entries: int) -> list[tuple[int, int]]:
 def _nearest(
     device: Backend, grid: GridGraph, f: FloatArray, weights: Weights, k: int, first: int, last: int
 ) -> tuple[IntArray, IntArray]:
-    """The k nearest neighbours of the vertices of a band of rows, as edges (u, v)."""
+    """Return the k nearest neighbours of the vertices of a band of rows, as edges (u, v)."""
     found = patch_weights(weights)
     assert found is not None
     reach = int(np.abs(grid.offsets[:, 0]).max(initial=0))
@@ -195,7 +195,7 @@ def _nearest(
     form = replace(found[0].form(part, f.shape[1], device.dtype), scale=None, shift=0.0)
     rho = device.get_weights(device.patch_distance(part, values, form))
     assert rho is not None
-    # One row of distances per vertex of the band, infinity where there is no neighbour.
+    # one row of distances per vertex of the band, infinity where there is no neighbour
     own = slice(first - start, last - start)
     table = np.full((*part.shape, 2 * part.half_window), np.inf, rho.dtype)
     jumps = np.empty(2 * part.half_window, np.int64)

@@ -1,4 +1,4 @@
-"""What is done with a noisy image: :class:`DenoisePlan`, in words, and carried out."""
+"""The parameters with which an image is denoised: :class:`DenoisePlan`."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ AveragePatches = bool | Literal["weighted"]
 
 @dataclass(frozen=True)
 class DenoisePlan:
-    """What :func:`denoise_image` does with an image: its parameters, chosen or given.
+    """The parameters of :func:`denoise_image`, chosen or given.
 
     Attributes
     ----------
     sigma : float or None
-        Standard deviation of the noise, in the image's units; None where it was not given, and decided nothing.
+        Standard deviation of the noise, in the image's units; None if it was not given and not needed.
     estimated : bool
         Whether it was estimated.
     weights : Weights or array
     radius, metric
         The neighbourhood of :class:`gpureg.GridGraph`.
     p, lam, max_iter, tol, eps
-        As in :func:`gpureg.regularize`; ``max_iter`` 0 leaves the image as it is.
+        As in :func:`gpureg.regularize`; with ``max_iter`` 0 the image does not change.
     spacing : tuple of float or None
-        Size of a pixel along each axis, None where the window is one of cells.
+        Size of a pixel along each axis; None if `radius` is in cells.
     window : tuple of int
         Sides of the neighbourhood in cells.
     centre : {"once", "largest", "none"}
-        What lam = 2 makes of a pixel's own value in one sweep at p = 2: weight 1, the largest weight around it, or none
-        (lam is 0 then).
+        Weight of the pixel itself for lam = 2 in one sweep at p = 2: 1, the largest weight of its neighbours, or 0
+        (then lam is 0).
     average_patches : bool or "weighted"
-        Whether each patch is estimated as a whole, and a pixel is the mean over all patches that cover it; "weighted"
-        counts a patch by the sum of the weights it found.
+        Whether whole patches are estimated, and a pixel is the mean over all patches that cover it; "weighted" weights
+        each patch by the sum of its weights.
     average_radius : int or None
-        Radius of these patches; None for that of the weights' patches.
+        Radius of these patches; None for the radius of the weights' patches.
     k : int or None
-        Edges of each pixel that stay, those to the nearest patches; None for the whole window.
+        Number of edges that each pixel uses, those to the nearest patches; None for the whole window.
     reasons : mapping of str to str
-        Why a parameter is what it is, where it was not given; see :meth:`explain`.
+        Reasons for the parameters that were not given; see :meth:`explain`.
     """
 
     sigma: float | None
@@ -71,7 +71,7 @@ class DenoisePlan:
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def compared(self) -> tuple[Any, str]:
-        """The weight function itself, and in words what it compares where that is not the image."""
+        """Return the innermost weight function, and a description of the blur and colours that it compares."""
         w: Any = self.weights
         seen = ""
         while isinstance(w, Compared):
@@ -81,7 +81,7 @@ class DenoisePlan:
         return w, seen
 
     def describe(self) -> str:
-        """The plan in one line."""
+        """Describe the plan in one line."""
         if self.max_iter == 0:
             found = np.ndim(self.lam) == 0 and self.lam == math.inf
             return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
@@ -112,7 +112,7 @@ class DenoisePlan:
         return f"{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
 
     def explain(self) -> str:
-        """One line for each parameter: its value, and why it is that."""
+        """Describe each parameter in one line: its value and the reason for it."""
         (w, seen), ndim, one = self.compared(), len(self.window), np.ndim(self.lam) == 0
         rows = {"noise": ("unknown", "not looked for: it decides nothing")}
         if self.sigma is not None:

@@ -1,4 +1,4 @@
-"""An image as a function on the cells of a grid, and back: :class:`Raster`."""
+"""Conversion between an image and a function on the cells of a grid: :class:`Raster`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..arrays import all_finite, unmasked
 from ..checks import integer
 
-# How many times as long as the last axis the two before it must be, for that to look like one of channels.
+# The last axis looks like channels if the two axes before it are at least this many times as long.
 FAR = 8
 
 _PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
@@ -23,12 +23,12 @@ _PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """An image, checked once where it comes in, as a function on the cells of a grid.
+    """A checked image, as a function on the cells of a grid.
 
     Attributes
     ----------
     values : array
-        The image as it was given: the axes of the grid, and one of the channels if there is one.
+        The given image: the axes of the grid, and an axis of channels if there is one.
     inside : bool array or None
         True where a cell takes part, in the shape of the grid; None for everywhere.
     channel_axis : int or None
@@ -48,30 +48,29 @@ class Raster:
         *,
         axes_known: bool = False,
     ) -> Raster:
-        """Check an image, its axis of channels and its mask; a raster stays what it is.
+        """Check an image, its axis of channels and its mask; a raster is returned unchanged.
 
         Parameters
         ----------
         image : array or Raster
-            Two or more axes besides the channels; integers or real numbers, finite wherever the mask is True. A raster
-            has its own axis of channels and mask.
+            Two or more axes, not counting the channels; integers or real numbers, finite wherever the mask is True.
         channel_axis : int, optional
             The axis of the channels; None for a grey image.
         mask : bool array, optional
             True where a cell takes part, in the shape of the image without its channels.
         axes_known : bool, default False
-            Whether the caller knows that the last axis holds no channels.
+            Whether the axis of channels is already known: then there is no warning.
 
         Raises
         ------
         TypeError, ValueError
-            What is wrong with the values, the axis or the mask.
+            Values, axis or mask that are not as described.
 
         Warns
         -----
         UserWarning
-            Without `channel_axis`: an array of three axes or more whose last one has 3 or 4 cells, and the two before
-            it at least 8 times as many each. It is taken for a volume, and was perhaps meant as a picture in colour.
+            An array without `channel_axis` that looks like a colour image: the last of three or more axes has 3 or 4
+            cells, the two before it at least 8 times as many. It is processed as a volume.
         """
         if isinstance(image, Raster):
             return image
@@ -82,7 +81,7 @@ class Raster:
             channel_axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
         raster = cls(array, None, channel_axis)
         if raster.ndim < 2:
-            raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
+            raise ValueError(f"image must have two or more axes without the channels, got shape {array.shape}")
         if not array.size:
             raise ValueError(f"image is empty, shape {array.shape}")
         known = raster.cells
@@ -107,14 +106,14 @@ class Raster:
 
     @property
     def cells(self) -> npt.NDArray[Any]:
-        """The values with the channels last, (..., m), a view."""
+        """The values with the channels last, a view, (..., m)."""
         if self.channel_axis is None:
             return self.values[..., None]
         return np.moveaxis(self.values, self.channel_axis, -1)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape of the grid: that of the image without its channels."""
+        """The shape of the grid, i.e. of the image without its channels."""
         return self.cells.shape[:-1]
 
     @property
@@ -133,17 +132,17 @@ class Raster:
         return self.inside is None or bool(self.inside.all())
 
     def pixels(self, dtype: npt.DTypeLike | None = None) -> npt.NDArray[np.floating[Any]]:
-        """The cells as floats, (..., m), in the type to compute in.
+        """Return the cells as floats, (..., m).
 
         Parameters
         ----------
         dtype : dtype, optional
-            float32 or float64. None takes float32, or float64 for integers of more than 16 bits.
+            float32 or float64. None means float32, or float64 for integers of more than 16 bits.
         """
         return self.cells.astype(self.computed_type(dtype), copy=False)
 
     def computed_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any]:
-        """The type to compute in: what is asked for, or float32, or float64 for integers of more than 16 bits."""
+        """Return `dtype`, checked; for None float32, or float64 for integers of more than 16 bits."""
         wide = self.values.dtype.kind in "iu" and self.values.dtype.itemsize > 2
         kind = np.dtype(dtype) if dtype is not None else np.dtype(np.float64 if wide else np.float32)
         if kind.newbyteorder("=") not in (np.float32, np.float64):
@@ -151,17 +150,12 @@ class Raster:
         return kind
 
     def like(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """A function on the cells as an image like this one.
+        """Convert a function on the cells to an image with the axes, type and masked pixels of this one.
 
         Parameters
         ----------
         value : (..., m) array
-            Where the image holds integers it is rounded and clipped.
-
-        Returns
-        -------
-        array
-            With the axes and the type of the image, and its own pixels outside the mask.
+            Rounded and clipped if the image has an integer type.
         """
         image = value[..., 0] if self.channel_axis is None else np.moveaxis(value, -1, self.channel_axis)
         kind = self.values.dtype
@@ -178,12 +172,12 @@ class Raster:
 
 
 def _looks_coloured(shape: tuple[int, ...]) -> bool:
-    """Whether the last axis looks like one of channels."""
+    """Return whether the last axis looks like channels."""
     return len(shape) > 2 and shape[-1] in (3, 4) and min(shape[-3:-1]) >= FAR * shape[-1]
 
 
 def _outside() -> int:
-    """The `stacklevel` of the first caller outside gpureg, for a warning in the function that calls this one."""
+    """Return the `stacklevel` of the first caller outside gpureg, for a warning in the calling function."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back

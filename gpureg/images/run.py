@@ -1,4 +1,4 @@
-"""Denoising by a plan."""
+"""Denoising with the parameters of a plan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .patch_graph import nearest_patches
 from .plan import DenoisePlan
 from .raster import Raster
 
-# What of the options a sweep whose weights are not stored takes too.
+# Options that are also options of a sweep that does not store its weights.
 _RUN = ("backend", "dtype", "memory", "progress")
 
 
@@ -41,11 +41,10 @@ def solve(
     channel_axis: int | None = None,
     **options: Any,
 ) -> Result:
-    """Carry out a plan of one iteration or more on pixels (..., m).
+    """Run a plan of one or more iterations on pixels (..., m).
 
-    `options` are what :func:`gpureg.regularize` takes besides what the plan says; `channel_axis` is that of the guide.
-    One sweep at p = 2 with weights that need not be stored takes the way that stores none; patches are averaged after
-    such a sweep alone.
+    `options` are those of :func:`gpureg.regularize` that are not in the plan; `channel_axis` is that of the guide.
+    A single sweep at p = 2 does not store its weights, if possible. Patches are averaged only after such a sweep.
     """
     grid = GridGraph(pixels.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     f0 = pixels if inside is None or inside.all() else filled(pixels, inside)
@@ -57,10 +56,10 @@ def solve(
     process: dict[str, Any] = {"p": plan.p, "max_iter": plan.max_iter, "tol": plan.tol, **options}
     once = _fits(plan, options)
     if (plan.average_patches or plan.centre == "largest") and not once:
-        what = "patches are averaged" if plan.average_patches else "a centre as heavy as the largest weight counts"
+        what = "average_patches" if plan.average_patches else "centre='largest'"
         raise ValueError(
-            f"{what} in one plain sweep at p = 2 on a grid alone, without a callback, tol, another norm, gamma or "
-            "solver; dataclasses.replace(plan, average_patches=False, centre='once') leaves it out"
+            f"{what} needs one sweep at p = 2 on a grid, without callback, tol and another norm, gamma or solver; "
+            "dataclasses.replace(plan, average_patches=False, centre='once') removes it"
         )
     if plan.k is not None:
         nodes = as_function(grid, f0, "image")
@@ -74,12 +73,12 @@ def solve(
 
 
 def without_averaging(plan: DenoisePlan, options: Mapping[str, Any]) -> DenoisePlan:
-    """The plan, its averaging of patches left out where what else is asked for does not go with it."""
+    """Return the plan, without averaging of patches if the other options do not allow it."""
     return plan if _fits(plan, options) or not plan.average_patches else replace(plan, average_patches=False)
 
 
 def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None:
-    """Refuse a plan that is not one sweep at p = 2 of bilateral or patch weights, where `what` belongs to such.
+    """Check that a plan is one sweep at p = 2 with bilateral or patch weights, which the option `what` needs.
 
     Raises
     ------
@@ -87,20 +86,20 @@ def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None
     """
     if plan.max_iter > 0 and not (plan.k is None and _is_one_sweep(plan, _process(plan, solver))):
         raise ValueError(
-            f"{what} is about one sweep at p = 2 of bilateral or patch weights: leave out p, max_iter, tol, k, "
+            f"{what} needs one sweep at p = 2 with bilateral or patch weights: leave out p, max_iter, tol, k, "
             "solver and other weights"
         )
 
 
 def _process(plan: DenoisePlan, solver: str | Solver) -> str | Solver:
-    """The solver; without the pixel itself a sweep is a plain mean, and no iteration that could swing."""
+    """Return the solver, without damping if the pixel itself has weight 0: a single sweep cannot oscillate."""
     method = resolve(solver)
     bare = plan.centre == "none" and isinstance(method, Jacobi) and method.damping is None
     return replace(cast("Jacobi", method), damping=1) if bare else solver
 
 
 def _one_step(plan: DenoisePlan) -> OneStep:
-    """What the plan's one sweep does besides the book."""
+    """Return the options of the plan's single sweep."""
     found = patch_weights(plan.weights)
     assert found is not None
     averaged = found[0].reach if plan.average_radius is None else plan.average_radius
@@ -109,7 +108,7 @@ def _one_step(plan: DenoisePlan) -> OneStep:
 
 
 def _fits(plan: DenoisePlan, options: Mapping[str, Any]) -> bool:
-    """Whether one sweep whose weights are not stored is all that is asked for (at p = 2 channels are alone)."""
+    """Return whether :func:`one_sweep` can run the plan with these options (`coupled` has no effect at p = 2)."""
     gamma = options.get("gamma", "sqrt")
     by_name = isinstance(gamma, str) and gamma == "sqrt"
     plain = by_name and options.get("norm", "vertex") == "vertex" and options.get("update_weights") is None
@@ -118,10 +117,10 @@ def _fits(plan: DenoisePlan, options: Mapping[str, Any]) -> bool:
 
 
 def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
-    """Whether :func:`one_sweep` does what the plan asks for: one sweep by the book, at p = 2, of patch weights."""
+    """Return whether :func:`one_sweep` can run the plan: one undamped sweep at p = 2 with patch weights."""
     method = resolve(solver)
     whole = isinstance(method, Jacobi) and method.damping in (None, 1)
-    # where data are missing the default may be damped
+    # the default solver may be damped where lam = 0
     filters = bool(plan.average_patches) or plan.centre == "largest"
     data = isinstance(method, Jacobi) and (method.damping == 1 or filters or bool(np.min(plan.lam) > 0))
     once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
@@ -130,12 +129,12 @@ def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
 
 @door(options=RUN_PLAN)
 def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack[RunPlan]) -> Result:
-    """Carry out a plan on an image.
+    """Denoise an image with the parameters of a plan.
 
     Parameters
     ----------
     plan : DenoisePlan
-        Of :func:`gpureg.plan_denoising`.
+        From :func:`gpureg.plan_denoising`.
     image : array
     mask, channel_axis, guide
         As in :func:`denoise_image`.
@@ -145,8 +144,8 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
     Returns
     -------
     Result
-        Its value is the image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch weights
-        computes these without storing them: it reports no energy, and an interruption leaves no iterate.
+        Its value is the denoised image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch
+        weights does not store the weights: it returns no energy, and an interruption returns no iterate.
 
     Raises
     ------
@@ -178,10 +177,10 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
 
 
 def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:
-    """The image as it is: not through the device, whose float32 would round a float64 image."""
+    """Return the unchanged image, without the device, whose float32 would round a float64 image."""
     resolve(asked["solver"])
     device = backends.get(asked["backend"], np.float32 if asked["dtype"] is None else asked["dtype"])
-    budget(device, asked["memory"])  # a wrong limit is one here too
+    budget(device, asked["memory"])  # raises for a wrong limit
     return Result(
         value=raster.values.copy(),
         iterations=0,
@@ -199,7 +198,7 @@ def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:
 
 @contextmanager
 def _converted(raster: Raster) -> Iterator[None]:
-    """Let the result of an interrupted run be an image too."""
+    """Convert the result of an interrupted run to an image."""
     try:
         yield
     except Interrupted as interruption:

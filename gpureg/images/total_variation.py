@@ -1,4 +1,4 @@
-"""The door of total variation."""
+"""Total variation: :func:`denoise_tv`."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from .options import DENOISE, Denoise
 
 @door(options={name: default for name, default in DENOISE.items() if name != "p"})
 def denoise_tv(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[Any]:
-    """Total variation on the pixels' graph: flat regions, sharp edges.
+    """Denoise an image by total variation on the graph of its pixels: flat regions, sharp edges.
 
     Parameters
     ----------
     image : array
-        Two or more axes (space, time), besides the channels; any integer or real type.
+        Two or more axes (space, time), not counting the channels; any integer or real type.
     lam : float or array, optional
-        Fidelity >= 0 in units of 1 over the image's, or one value per pixel: larger stays closer to the image (the
-        inverse of scikit-image's `weight`). None chooses it from the noise.
+        Fidelity >= 0 in units of 1 over the image's units, or one value per pixel: a larger value stays closer to the
+        image (the inverse of scikit-image's `weight`). None means a value chosen from the noise.
     sigma : float, optional
-        Standard deviation of the noise; None estimates it where `lam` is None.
+        Standard deviation of the noise; None estimates it if `lam` is None.
     weights : Weights or array, optional
         As in :func:`gpureg.denoise_image`; None means 1 between the nearest neighbours, the paper's G_0.
     **options
-        All else that :func:`gpureg.denoise_image` takes, but `p`, which is 1 here.
+        The other options of :func:`gpureg.denoise_image`, except `p`, which is 1.
 
     Returns
     -------
@@ -44,8 +44,8 @@ def denoise_tv(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[
     Notes
     -----
     Minimises sum_u |grad_w f(u)| + lam/2 sum_u |f(u) - f0(u)|^2 by eq. 31 at p = 1: the digital TV filter of Chan,
-    Osher and Shen (IEEE TIP 10(2), 2001). |grad_w f(u)| sees all neighbours of u, on either side, where the usual
-    discrete total variation takes forward differences.
+    Osher and Shen (IEEE TIP 10(2), 2001). |grad_w f(u)| uses all neighbours of u, on both sides; the usual discrete
+    total variation uses forward differences.
 
     Examples
     --------

@@ -18,12 +18,12 @@ class Window:
     Attributes
     ----------
     radius : float
-        Its reach, in the units of `spacing`.
+        Radius of the window, in the units of `spacing`.
     metric : {"chebyshev", "euclidean", "cityblock"}
     spacing : tuple of float, one per axis, or None
-        Size of a cell along each axis, None where the window is one of cells.
+        Size of a cell along each axis; None if `radius` is in cells.
     sides : tuple of int, one per axis
-        Its sides in cells.
+        Sides of the window in cells.
     """
 
     radius: float
@@ -33,7 +33,7 @@ class Window:
 
 
 def cell_sizes(spacing: Sequence[float] | None) -> tuple[float, float]:
-    """The smallest and the largest side of a cell; of a spacing that is none the grid will tell."""
+    """Return the smallest and the largest side of a cell; 1 for an invalid spacing, which the grid refuses later."""
     if spacing is None or np.ndim(spacing) != 1 or not len(spacing):
         return 1.0, 1.0
     return float(min(spacing)), float(max(spacing))
@@ -48,25 +48,25 @@ def window_of(
     local: bool,
     wide: float = 10.0,
 ) -> tuple[Window, str]:
-    """The window on a grid, what is given kept, and why its radius is what it is.
+    """Choose the window on a grid.
 
     Parameters
     ----------
     shape : tuple of int
-        The grid's.
+        Shape of the grid.
     radius, metric, spacing
-        As given; None to be chosen.
+        Given values, which are not changed; None to choose them.
     local : bool
-        Whether the weights do not look at the data, so that a wide window would only blur: without a radius the window
-        is that of the nearest neighbours.
+        Whether the weights do not depend on the data, so that a wide window would only blur: without a radius the
+        window is that of the nearest neighbours.
     wide : float, default 10
-        Reach in a picture where nothing is given, in the smallest cells; in a volume it is 2.
+        Default radius in a 2-D image, in the smallest cells; in a volume it is 2.
 
     Returns
     -------
     Window
     str
-        The reason.
+        The reason for its radius.
 
     Raises
     ------
@@ -75,17 +75,17 @@ def window_of(
     """
     if metric is None:
         metric = "cityblock" if local and radius is None else "chebyshev"
-    # What was given is checked here, whatever becomes of it; the image's own size cuts the window short.
+    # The given values are checked here, even if they are not used. A small image makes the window smaller.
     widest = 1.0 if spacing is None or np.ndim(spacing) != 1 else max(spacing, default=1.0)
     given = GridGraph(shape, widest if radius is None else radius, metric, spacing=spacing)
     steps: tuple[float, ...] | None
     if radius is not None:
         reach, steps, why = float(radius), given.spacing, "given"
     elif local:
-        # The nearest neighbours, however far apart: constant weights do not look at distances.
+        # The nearest neighbours at any spacing: constant weights do not depend on distances.
         reach, steps, why = 1.0, None, "rule: the nearest neighbours"
     else:
-        # So many of the finest cells, and one cell at least along every axis.
+        # at least one cell along every axis
         finest, coarsest = cell_sizes(given.spacing)
         reach, steps = max((2.0 if len(shape) > 2 else wide) * finest, coarsest), given.spacing
         why = "rule: so many of the smallest cells"

@@ -19,25 +19,25 @@ from ..graphs.of_shapes import ring_graph
 
 METRICS: tuple[Metric, ...] = ("cityblock", "chebyshev")
 
-# Room for a count of every value up to the largest label: so many times the image's cells, or this many.
+# Labels are counted in an array up to the largest one, if that is below 4 times the number of cells or below 65536.
 _SPARSE, _FEW = 4, 1 << 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegionGraph(Graph):
-    """The region adjacency graph (RAG) of a label image: a :class:`Graph` that knows its regions.
+    """The region adjacency graph (RAG) of a label image: a :class:`Graph` with attributes of the regions.
 
     Attributes
     ----------
     sizes : (n,) float array
-        Of each region its cells times the volume of a cell.
+        Size of each region: the number of its cells times the volume of a cell.
     borders : (n_edges,) float array
-        Length (in a volume: area) of the common border, one per stored directed edge. 0 where regions meet at corners
-        only, or are neighbours of neighbours.
+        Length (in a volume: area) of the common border, one per stored directed edge. It is 0 if regions meet only at
+        corners, or are neighbours of neighbours.
     labels : (n,) int array
-        The number that each region has in the label image.
+        Label of each region in the label image.
     positions : (n, d) float array
-        The centroids of the regions, in units of the spacing.
+        Centroids of the regions, in units of the spacing.
     """
 
     sizes: FloatArray | None = None
@@ -63,17 +63,17 @@ class RegionGraph(Graph):
         return f"RegionGraph({self.n_vertices} regions, {self.n_edges // 2} borders)"
 
     def distances(self, values: npt.ArrayLike) -> FloatArray:
-        """Distance of two neighbouring regions' values: the Euclidean norm over channels, one per stored directed edge.
+        """Compute the Euclidean distance between the values of neighbouring regions, one per stored directed edge.
 
         Parameters
         ----------
         values : (n,) or (n, m) array
-            One value per region, or one a channel, as :func:`gpureg.regions.values` gives them.
+            One value, or m channels, per region, as returned by :func:`gpureg.region_values`.
         """
         array = np.asarray(values, np.float64)
         if array.ndim not in (1, 2) or len(array) != self.n_vertices:
             raise ValueError(
-                f"values must be one, or one row, for each of {self.n_vertices} regions, got {array.shape}"
+                f"values must have one value or one row for each of {self.n_vertices} regions, got {array.shape}"
             )
         array = array.reshape(len(array), -1)
         difference = array[self.indices] - array[self.edge_rows()]
@@ -90,37 +90,37 @@ def region_graph(
     spacing: Sequence[float] | None = None,
     rings: int = 1,
 ) -> RegionGraph:
-    """The graph of the regions of a label image, neighbours where their cells are.
+    """Make the graph of the regions of a label image.
 
     Parameters
     ----------
     labels : int array
-        Any number of axes. Every number >= 0 is a region, in whatever pieces; the numbers may have gaps. Cells below 0
-        are in no region. Label images of scikit-image serve as they are.
+        Label image, e.g. of scikit-image, with any number of axes. Each label >= 0 is a region, connected or not;
+        labels may have gaps. Cells with labels below 0 are in no region.
     metric : {"cityblock", "chebyshev"}, default "cityblock"
-        Cells are neighbours across faces (the paper's G_0), or across corners too (G_1).
+        Cells are neighbours across faces (the paper's G_0), or also across corners (G_1).
     background : int, optional
-        One more number that is no region, such as the 0 of watershed lines.
+        Another label that is not a region, such as 0 for watershed lines.
     spacing : sequence of float, optional
         Size of a cell along each axis; None means 1. Sizes, borders and centroids are in its units.
     rings : int, default 1
-        Regions so many steps apart are neighbours too (:func:`gpureg.ring_graph`), with borders of 0.
+        Regions up to this number of steps apart are neighbours too (:func:`gpureg.ring_graph`), with borders of 0.
 
     Returns
     -------
     RegionGraph
-        Its vertices are the regions in the order of their numbers, without weights. For labels 0..k-1, as from
-        :func:`gpureg.energy_partition`, vertex i is region i, and ``values[labels]`` paints values on the image.
+        A graph without weights, whose vertices are the regions in the order of their labels. For labels 0..k-1, as
+        from :func:`gpureg.energy_partition`, vertex i is region i, and ``values[labels]`` is the image of the values.
 
     Raises
     ------
     TypeError, ValueError
-        Labels that are no integers, no region at all, an unknown metric, wrong spacing or rings.
+        Labels that are not integers, no region, an unknown metric, wrong spacing or rings.
 
     Notes
     -----
-    Two regions are joined if a cell of one has a neighbour in the other (section 5.2). A border's length is the sum of
-    the areas of the faces that are part of it, so that with unit spacing it is the number of pairs of pixels across.
+    Two regions are joined if a cell of one has a neighbour in the other (section 5.2). The length of a border is the
+    sum of the areas of its faces; with unit spacing it is the number of pairs of neighbouring pixels across it.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def region_graph(
         integer("background", background)
     rings = integer("rings", rings, low=1)
     sides = np.array(checked_spacing(spacing, image.ndim) or (1.0,) * image.ndim)
-    offsets = GridGraph(image.shape, 1, metric).forward_offsets  # neighbours whatever the sizes of cells
+    offsets = GridGraph(image.shape, 1, metric).forward_offsets  # the neighbours do not depend on the spacing
     numbers, index = _numbered(image, background)
     k = len(numbers)
     keys, areas = [], []
@@ -168,7 +168,7 @@ def region_graph(
 
 
 def _numbered(image: npt.NDArray[Any], background: int | None) -> tuple[IntArray, IntArray]:
-    """The regions' numbers in rising order, and the image of their places among these, -1 for no region."""
+    """Return the labels of the regions in rising order, and the image of their indices, -1 for no region."""
     none = image < 0 if image.dtype.kind == "i" else np.zeros(image.shape, bool)
     if background is not None:
         none |= image == background
@@ -192,7 +192,7 @@ def _numbered(image: npt.NDArray[Any], background: int | None) -> tuple[IntArray
 
 
 def _crossings(index: IntArray, step: IntArray, k: int) -> tuple[IntArray, IntArray]:
-    """Keys a k + b of the regions a < b that cells one step apart are in, and how many such cells there are."""
+    """Return keys a k + b of the pairs of regions a < b with cells one step apart, and the number of these cells."""
     start, end = GridGraph(index.shape).ends(step)
     u, v = index[start], index[end]
     across = u != v
@@ -206,9 +206,9 @@ def _crossings(index: IntArray, step: IntArray, k: int) -> tuple[IntArray, IntAr
 
 
 def _runs(keys: IntArray) -> tuple[IntArray, IntArray]:
-    """The distinct keys in rising order, and how often each is there; the array itself is sorted.
+    """Return the distinct keys in rising order, and their counts; sort the array in place.
 
-    np.unique goes by hashes, which takes ten times as long for millions of keys.
+    np.unique uses hashes, which takes ten times as long for millions of keys.
     """
     keys.sort()
     new = np.ones(len(keys), bool)
@@ -218,7 +218,7 @@ def _runs(keys: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _both_ways(keys: IntArray, values: FloatArray, k: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Undirected edges, sorted keys a k + b with a < b, and a value each, as CSR with both directions."""
+    """Convert undirected edges, sorted keys a k + b with a < b, and their values to CSR with both directions."""
     from scipy import sparse
 
     low, high = keys // k, keys % k
@@ -230,7 +230,7 @@ def _both_ways(keys: IntArray, values: FloatArray, k: int) -> tuple[IntArray, In
 
 
 def _measured(index: IntArray, sides: FloatArray, k: int) -> tuple[FloatArray, FloatArray]:
-    """Sizes and centroids of the regions."""
+    """Compute the sizes (k,) and centroids (k, d) of the regions."""
     flat = index.reshape(-1) + 1  # 0: no region
     counts = np.bincount(flat, minlength=k + 1)[1:]
     centroids = np.empty((k, index.ndim))

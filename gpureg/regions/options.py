@@ -1,4 +1,4 @@
-"""Options that the doors of regions take and hand on as one."""
+"""Options that the public functions of regions have in common."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ WEIGHTS: tuple[WeightKind, ...] = ("similarity", "constant", "border")
 
 
 class RegionModel(Model, total=False):
-    """How the values of regions are regularized on their graph.
+    """Options for the regularization of the values of regions on their graph.
 
     Attributes
     ----------
     p : float, default 2
         Degree of regularity > 0.
     weights : {"similarity", "constant", "border"}, Weights, or array with one value per stored directed edge
-        By default "similarity".
+        The default is "similarity".
     h : float, optional
-        Of "similarity".
+        Parameter of "similarity".
     by_size : bool, default False
-        Whether lam grows with a region's size.
-    max_iter : int, optional
-        Iterations at most, by default 30.
+        Whether lam is proportional to the size of a region.
+    max_iter : int, default 30
+        Maximum number of iterations.
     gamma, coupled
         As in :func:`gpureg.regularize`.
     """

@@ -1,4 +1,4 @@
-"""Which source every vertex of a graph is nearest to: :func:`energy_partition` (section 5.2)."""
+"""The partition of a graph into the zones of sources: :func:`energy_partition` (section 5.2)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 
-# A difference is counted in units of 2^-24 of the data's range: to the last bit of float32, and exactly where the data
-# are integers of up to 24 bits.
+# Differences are rounded to 2^-24 of the data's range: to the last bit of float32; exact for integers up to 24 bits.
 _BITS = 24
-# The power of two of the least number of float64.
+# Exponent of the smallest number of float64.
 _LEAST = -1074
 
-# Cells of a grid whose lengths are computed at a time.
+# Number of cells of a grid whose edge lengths are computed at a time.
 _BAND = 1 << 18
 
 
@@ -58,48 +57,47 @@ def energy_partition(
     return_energy: bool = False,
     backend: str = "auto",
 ) -> Labels | tuple[Labels, FloatArray]:
-    """Give every vertex the label of the source that it can be reached from with the least variation of f.
+    """Label each vertex with the source from which a path with the smallest variation of f leads to it.
 
     Parameters
     ----------
     f : array
         The function on the n vertices: (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape and m.
     graph : Graph or GridGraph
-        Its weights play no part.
+        Its weights are not used.
     sources : int array
         A label >= 0 at the vertices of each source, -1 elsewhere; (n,) or the grid's shape. A source may have any
-        number of vertices. :mod:`gpureg.regions.sources` finds some.
+        number of vertices. :mod:`gpureg.regions.sources` finds sources.
     compactness : float, default 0
-        What every edge adds to the length of a path, in the units of f, at most 32 times the range of f: the larger,
-        the rounder the zones.
+        Length that each edge adds to a path, in the units of f, at most 32 times the range of f. A larger value makes
+        rounder zones.
     return_energy : bool, default False
         Return the energy too.
     backend : str, default "auto"
-        As in :func:`gpureg.regularize`; all give the same labels.
+        As in :func:`gpureg.regularize`; all backends give the same labels.
 
     Returns
     -------
     labels : int32 array
-        In the shape of `sources`; -1 where no path leads from any source, or outside the grid's mask.
+        In the shape of `sources`; -1 outside the grid's mask and where no path leads from a source.
     energy : float64 array
-        If `return_energy`: mu_S, the variation of f along the best path; infinite where there is none.
+        Only with `return_energy`: mu_S, the variation of f along the best path; infinite without a path.
 
     Raises
     ------
     ValueError, TypeError
-        No source at all, shapes that do not match, labels below -1, sources outside the mask, values that are not
-        finite.
+        No source, shapes that do not match, labels below -1, sources outside the mask, values that are not finite.
     BackendUnavailable
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    mu(u, v) is the least sum of |f(v_i) - f(v_i+1)| over the paths from u to v, with the Euclidean norm over channels;
-    the zone of a source are the vertices that no other source is nearer to (section 5.2; Arbelaez and Cohen, "Energy
-    partitions and image segmentation", 2004). Of sources equally near, the one from which the fewest edges lead there
-    has the vertex, and among these the one with the smallest label: so zones do not overlap, and one whose source is
-    connected is connected. Differences are rounded to 2^-24 of the range of f and added up as integers: every device
-    gives the same zones.
+    mu(u, v) is the smallest sum of |f(v_i) - f(v_i+1)| over the paths from u to v, with the Euclidean norm over
+    channels. The zone of a source contains the vertices for which this source is the nearest (section 5.2; Arbelaez and
+    Cohen, "Energy partitions and image segmentation", 2004). Among sources at the same distance, the one with the
+    fewest edges on the path is chosen, then the one with the smallest label. Zones do not overlap, and the zone of a
+    connected source is connected. Differences are rounded to 2^-24 of the range of f and added as integers, so that
+    all devices give the same zones.
 
     Examples
     --------
@@ -126,7 +124,7 @@ def energy_partition(
 
 
 def vertex_values(f: npt.ArrayLike, graph: AnyGraph, name: str = "f") -> FloatArray:
-    """A function on the vertices, checked, as a float array (n, m)."""
+    """Check a function on the vertices, and convert it to a float array (n, m)."""
     array = unmasked(f, name)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold integers or real numbers, got {array.dtype}")
@@ -144,7 +142,7 @@ def vertex_values(f: npt.ArrayLike, graph: AnyGraph, name: str = "f") -> FloatAr
         array = np.where(inside.reshape(n, 1), array, array.dtype.type(0))
     if not all_finite(array):
         raise ValueError(f"{name} must be finite, got NaN or infinity: leave those cells out by the grid's mask")
-    # of the types the smallest that holds all its values exactly
+    # float32 if it represents all values exactly
     narrow = array.dtype.itemsize <= 2 or array.dtype == np.float32
     values: FloatArray = array.astype(np.float32 if narrow else np.float64, copy=False)
     return values
@@ -170,12 +168,12 @@ def _checked(sources: npt.ArrayLike, graph: AnyGraph) -> IntArray:
 
 
 def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tuple[Lengths, float]:
-    """The variation of f, (n, m), along each edge as whole units, and the unit, a power of two."""
+    """Compute the variation of f, (n, m), along each edge as a multiple of a unit, and the unit, a power of two."""
     inside = graph.mask.reshape(-1) if isinstance(graph, GridGraph) and graph.mask is not None else slice(None)
     part = f[inside]
     with np.errstate(over="ignore"):
         spread = part.max(axis=0).astype(np.float64) - part.min(axis=0) if len(part) else np.zeros(1)
-    # where f is level every edge has the length of the compactness alone
+    # if f is constant, the length of each edge is the compactness
     reach = math.hypot(*spread.tolist()) or compactness
     if math.isinf(reach):
         raise ValueError(f"the range of f must be below {np.finfo(np.float64).max:.2g}: scale it")
@@ -187,7 +185,7 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     toll = round(compactness / unit)
 
     def length(u: FloatArray, v: FloatArray) -> Lengths:
-        # longer ones than f's range leave the mask, and are none
+        # differences above the range of f belong to edges that leave the mask, which are dropped
         d = np.clip((v.astype(np.float64) - u) / unit, -LONGEST, LONGEST)
         variation = np.abs(d[:, 0]) if d.shape[1] == 1 else np.sqrt((d**2).sum(axis=1))
         along: Lengths = np.rint(np.minimum(variation, LONGEST // 2)).astype(np.int32)
@@ -197,7 +195,7 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
 
 
 def along_edges(f: FloatArray, graph: AnyGraph, length: Callable[[FloatArray, FloatArray], Lengths]) -> Lengths:
-    """Lengths of edges (u, v) from the values (., m) at their ends, -1 where one leaves a grid or its mask."""
+    """Compute lengths of edges (u, v) from the values (., m) at their ends; -1 if an edge leaves a grid or its mask."""
     if isinstance(graph, Graph):
         return length(f[graph.edge_rows()], f[graph.indices])
     n, m = f.shape
@@ -214,7 +212,7 @@ def along_edges(f: FloatArray, graph: AnyGraph, length: Callable[[FloatArray, Fl
 
 
 def step_bands(graph: GridGraph, step: IntArray) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
-    """Slices for both ends of the edges along a step, a band of the first axis at a time."""
+    """Yield slices for both ends of the edges along a step, for bands of the first axis."""
     start, end = graph.ends(step)
     rows = max(1, _BAND // max(1, math.prod(graph.shape[1:])))
     for first in range(start[0].start, start[0].stop, rows):
@@ -223,7 +221,7 @@ def step_bands(graph: GridGraph, step: IntArray) -> Iterator[tuple[tuple[slice, 
 
 
 def flat_zones(f: FloatArray, graph: AnyGraph, device: backends.Backend) -> Labels:
-    """The first vertex of each vertex's flat zone: what edges between equal values connect; f is (n, m)."""
+    """Return the first vertex of the flat zone of each vertex, (n,): edges between equal values of f (n, m) join it."""
 
     def length(u: FloatArray, v: FloatArray) -> Lengths:
         equal = u[:, 0] == v[:, 0] if u.shape[1] == 1 else (u == v).all(axis=1)

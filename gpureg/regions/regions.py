@@ -1,4 +1,4 @@
-"""An image as regions: :class:`Regions`, which are regularized, joined, and painted back (section 5.2)."""
+"""An image as regions, with their regularization and merging: :class:`Regions` (section 5.2)."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ class Regions:
     Attributes
     ----------
     image : array
-        The image, as it was given, with any axes.
+        The given image, with any number of axes.
     labels : int32 array
         The region of each pixel, 0..k-1, in the image's shape without channels; -1 outside the mask.
     graph : RegionGraph
         The region adjacency graph, with sizes, borders and centroids.
     models : (k, m) float array
-        The model of each region: its mean, median, or the value of its source.
+        The model of each region: its mean, its median, or the value of its source.
     values : (k, m) float array
-        The models after regularization on the graph; the models themselves before.
+        The models after regularization on the graph; before it, the models.
     model : {"mean", "median", "source"}
-        What the models are.
+        Kind of the models.
     smooth : float
-        Standard deviation, in pixels, of the Gaussian that the partition looked through; 0: none.
+        Standard deviation, in pixels, of the Gaussian smoothing before the partition; 0 means none.
     channel_axis : int or None
         The axis of the image's channels.
     result : Result or None
-        Of the regularization, None before.
+        Result of the regularization; None before it.
     seconds : dict
-        Wall-clock time by stage.
+        Wall-clock time of each stage.
     """
 
     image: npt.NDArray[Any]
@@ -63,7 +63,7 @@ class Regions:
     channel_axis: int | None
     result: Result | None = None
     seconds: dict[str, float] = field(default_factory=dict)
-    # labels of the sources' pixels, -1 elsewhere, where they are the model
+    # labels of the sources' pixels, -1 elsewhere; only for model="source"
     _seeds: Labels | None = field(default=None, repr=False)
     _settings: dict[str, Any] = field(default_factory=dict, repr=False)
 
@@ -77,27 +77,27 @@ class Regions:
 
     @property
     def percent(self) -> float:
-        """Regions in percent of the pixels that are in one: what is left of the information."""
+        """Number of regions in percent of the number of their pixels."""
         return 100 * self.n_regions / int((self.labels >= 0).sum())
 
     @property
     def fine(self) -> npt.NDArray[Any]:
-        """The image with each region painted in its model, in the image's dtype."""
+        """The image with the model of each region at its pixels, in the image's dtype."""
         return self.paint(self.models)
 
     @property
     def value(self) -> npt.NDArray[Any]:
-        """The image with each region painted in its regularized value, in the image's dtype."""
+        """The image with the regularized value of each region at its pixels, in the image's dtype."""
         return self.paint(self.values)
 
     @door(name="Regions.paint")
     def paint(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """An image like the given one, with each region in a value of its own; pixels in no region stay as they are.
+        """Return a copy of the image with one value per region; pixels in no region do not change.
 
         Parameters
         ----------
         values : (k,) or (k, m) array
-            One value per region, or one a channel. Where the image holds integers they are rounded and clipped.
+            One value, or m channels, per region. They are rounded and clipped if the image has an integer type.
         """
         array = np.asarray(values, np.float64)
         array = array[:, None] if array.ndim == 1 else array
@@ -105,7 +105,7 @@ class Regions:
             raise ValueError(f"values must have shape {self.models.shape}, got {np.shape(values)}")
         inside = self.labels >= 0
         if self.image.dtype.kind in "iu":
-            # rounded once a region, not once a pixel
+            # rounded once per region, not once per pixel
             limits = np.iinfo(self.image.dtype)
             array = np.clip(np.rint(array), limits.min, limits.max)
         painted = array.astype(self.image.dtype)[self.labels]
@@ -113,7 +113,7 @@ class Regions:
 
     @door(name="Regions.random_colours")
     def random_colours(self, seed: int = 0) -> npt.NDArray[np.uint8]:
-        """The partition with a random colour for each region, (..., 3); black outside the mask.
+        """Return the partition with a random colour for each region, (..., 3), black outside the mask.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Regions:
         colours = np.random.default_rng(integer("seed", seed, low=0)).integers(
             32, 256, (self.n_regions + 1, 3), dtype=np.uint8
         )
-        colours[-1] = 0  # where -1 leads
+        colours[-1] = 0  # for label -1
         return colours[self.labels]
 
     @door(name="Regions.regularized", options=REGION_MODEL)
@@ -143,18 +143,17 @@ class Regions:
             Fidelity >= 0, one number or one value per region, as in :func:`gpureg.regularize`.
         p, update_weights, initial
             As in :func:`gpureg.regularize`.
-        max_iter : int, optional
-            Iterations at most, 30 by default.
+        max_iter : int, default 30
+            Maximum number of iterations.
         weights : {"similarity", "constant", "border"}, Weights or array, default "similarity"
-            "similarity" is w2^0 of the paper, exp(-|f(u) - f(v)|^2 / h^2) of the models. "border" takes the lengths of
-            borders to the power of 2/p: with norm="edge" the smoothness is then that of the painted image. Or an object
-            of :mod:`gpureg.weights`, for which regions lie at their centroids, or one value per stored directed edge of
-            `graph`.
+            "similarity" is w2^0 of the paper, exp(-|f(u) - f(v)|^2 / h^2) of the models. "border" is the length of
+            borders to the power of 2/p: with norm="edge" the smoothness is then the smoothness of the whole image. Or
+            an object of :mod:`gpureg.weights`, with regions at their centroids, or one value per stored directed edge.
         h : float, optional
-            Of "similarity", in the image's units; None takes twice the median distance of neighbouring models.
+            Parameter of "similarity", in the image's units. None means twice the median distance of neighbouring
+            models.
         by_size : bool, default False
-            Multiply lam by the regions' sizes over their mean: a pixel counts as much in a large region as in a small
-            one.
+            Multiply lam by the sizes of regions over their mean, so that all pixels have the same influence.
         gamma, coupled, norm, eps, solver, tol, backend, dtype, memory, callback, progress
             As in :func:`gpureg.regularize`.
 
@@ -166,7 +165,7 @@ class Regions:
         Raises
         ------
         ValueError, TypeError, BackendUnavailable, FloatingPointError, Interrupted
-            As :func:`gpureg.regularize`; the value of an interrupted run is an image.
+            As :func:`gpureg.regularize`; the value of the result of an interrupted run is an image.
         """
         begin = time.perf_counter()
         asked: dict[str, Any] = REGION_MODEL | options
@@ -191,22 +190,23 @@ class Regions:
 
     @door(name="Regions.merged")
     def merged(self, merge_tol: float) -> Regions:
-        """Join neighbouring regions whose values have met: a coarser partition.
+        """Merge neighbouring regions with nearly equal values: a coarser partition.
 
         Parameters
         ----------
         merge_tol : float
-            Values whose distance is at most this, in the image's units, are joined, and what is joined to either.
+            Largest distance, in the image's units, of the values of neighbours that are merged. Chains of such
+            neighbours become one region.
 
         Returns
         -------
         Regions
-            With the models of the new regions; their values are the means of the old ones by size.
+            With the models of the new regions; their values are the means of the old values weighted by size.
 
         Raises
         ------
         TypeError, ValueError
-            A tolerance that is no number >= 0.
+            A tolerance that is not a number >= 0.
         """
         from scipy import sparse
         from scipy.sparse.csgraph import connected_components
@@ -218,7 +218,7 @@ class Regions:
         met = graph.distances(self.values) <= merge_tol
         links = sparse.csr_array((np.ones(int(met.sum()), bool), (graph.edge_rows()[met], graph.indices[met])), (k, k))
         part = connected_components(links, directed=False)[1]
-        # in the order of their first regions
+        # numbered in the order of their first regions
         first = np.sort(np.unique(part, return_index=True)[1])
         order = np.empty(len(first), np.int32)
         order[part[first]] = np.arange(len(first))
@@ -236,32 +236,32 @@ class Regions:
     def hierarchy(
         self, *, lam: Sequence[float], merge_tol: float, **options: Unpack[RegionModel]
     ) -> tuple[Regions, ...]:
-        """Coarser and coarser partitions: regularize with one lam after another, and join what has met each time.
+        """Compute coarser and coarser partitions: regularize and merge for each lam in turn.
 
         Parameters
         ----------
         lam : sequence of float
-            Fidelities >= 0, each smaller than the one before.
+            Fidelities >= 0, in decreasing order.
         merge_tol : float
             As in :meth:`merged`.
         **options
-            As in :meth:`regularized`; p < 1 makes values meet.
+            As in :meth:`regularized`; p < 1 makes the values of neighbours equal.
 
         Returns
         -------
         tuple of Regions
-            One per lam. Each partition's regions are unions of those of the one before.
+            One per lam. The regions of each partition are unions of regions of the partition before.
 
         Raises
         ------
         TypeError, ValueError
-            No list, or a lam that is not smaller than the one before.
+            Not a list, or a lam that is not smaller than the one before.
         """
         if np.ndim(lam) != 1:
             raise TypeError(f"lam must be a list of numbers, each smaller than the one before, got {lam!r}")
         steps = [number("lam", step, low=0) for step in lam]
         if not steps or any(b >= a for a, b in itertools.pairwise(steps)):
-            raise ValueError(f"lam must fall, one after another, got {steps}")
+            raise ValueError(f"lam must decrease from one value to the next, got {steps}")
         levels, current = [], self
         for step in steps:
             current = current.regularized(lam=step, **options).merged(merge_tol)
@@ -270,14 +270,14 @@ class Regions:
 
     @door(name="Regions.plot")
     def plot(self, *, seed: int = 0, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw the image, the partition in random colours, and the image painted with models and with values.
+        """Draw the image, the partition in random colours, and the images of the models and of the values.
 
         Parameters
         ----------
         seed : int, default 0
-            Of the colours.
+            Seed of the colours.
         path : path, optional
-            A picture file to write besides.
+            Image file to write.
 
         Returns
         -------
@@ -303,14 +303,14 @@ class Regions:
 
 
 def models_of(raster: Raster, labels: Labels, model: Model, seeds: Labels | None, n_regions: int) -> FloatArray:
-    """The models of all regions, (k, m)."""
+    """Compute the models of all regions, (k, m)."""
     return region_values(raster.cells, labels, model, sources=seeds, n_regions=n_regions)
 
 
 def _weights(
     graph: RegionGraph, models: FloatArray, weights: Any, h: float | None, p: float
 ) -> Weights | npt.ArrayLike | None:
-    """What :func:`gpureg.regularize` takes."""
+    """Return the weights for :func:`gpureg.regularize`."""
     if not isinstance(weights, str):
         if h is not None:
             raise ValueError("h belongs to weights='similarity'")

@@ -1,4 +1,4 @@
-"""The door to image simplification: :func:`simplify_image` (section 5.2, Fig. 4)."""
+"""Image simplification: :func:`simplify_image` (section 5.2, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from .values import MODELS, Model
 SourceKind = Literal["extrema", "gradient"]
 SOURCES: tuple[SourceKind, ...] = ("extrema", "gradient")
 
-# Standard deviations that are tried, in pixels, and the share of regions that is few enough: the paper's 90 percent.
+# Standard deviations that are tried, in pixels, and the largest share of regions: the paper removes 90 percent.
 SMOOTHING = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0)
 ENOUGH = 0.1
 
-# A smoothed copy is rounded to 2^-16 of its range, so that what was flat has no extrema of rounding errors.
+# A smoothed copy is rounded to 2^-16 of its range, so that rounding errors make no extrema in flat parts.
 _SMOOTH_BITS = 16
 
 
@@ -53,36 +53,36 @@ def simplify_image(
     channel_axis: int | None = None,
     **options: Unpack[RegionModel],
 ) -> Regions:
-    """Simplify an image or a volume: cut it into zones around its extrema, and regularize these instead of pixels.
+    """Simplify an image or a volume: divide it into regions around its extrema, and regularize the regions.
 
     Parameters
     ----------
     image : array
-        Two or more axes, besides the channels. Values are used as they come, never rescaled.
+        Two or more axes, not counting the channels. Values are not rescaled.
     lam : float, default 0.05
         Fidelity >= 0 of the function on the regions.
     p, weights, h, by_size, max_iter, gamma, coupled
-        As in :meth:`Regions.regularized`; ``max_iter=0`` leaves the fine partition.
+        As in :meth:`Regions.regularized`; ``max_iter=0`` means no regularization.
     rings : int, default 1
-        Regions so many steps apart are neighbours too.
+        Regions up to this number of steps apart are neighbours.
     sources : {"extrema", "gradient"}, int or array, default "extrema"
-        Where zones grow from: the regional extrema of the intensity (the mean of the channels), the regional minima of
-        the gradient's norm, a grid of seeds so many pixels apart, or markers: labels 0..k-1 at the pixels of the
-        sources, -1 elsewhere.
+        Where the regions start: regional extrema of the intensity (the mean of the channels), or regional minima of the
+        gradient norm. An integer means a grid of seeds with this distance in pixels. An array in the shape of the
+        pixels has the labels 0..k-1 at the sources, -1 elsewhere.
     smooth : float, optional
-        Standard deviation, in pixels, of a Gaussian through which sources and partition see the image; the models are
-        always of the image itself. None: for extrema and gradient the first of 0, 0.5, 0.75, 1, 1.5 and 2 that leaves
-        one region to ten pixels or fewer, which `Regions.smooth` tells; otherwise 0.
+        Standard deviation, in pixels, of a Gaussian smoothing before sources and partition are computed; the models are
+        computed from the image itself. None means 0 for given sources. For "extrema" and "gradient" it means the first
+        of 0, 0.5, 0.75, 1, 1.5 and 2 with at most one region per ten pixels (see `Regions.smooth`).
     model : {"mean", "median", "source"}, default "mean"
-        What a region is painted with.
+        The value of a region before regularization.
     metric : {"cityblock", "chebyshev"}, default "cityblock"
-        Pixels are neighbours across edges (the paper's G_0), or corners too (G_1).
+        Pixels are neighbours across edges (the paper's G_0), or also across corners (G_1).
     compactness : float, default 0
-        As in :func:`gpureg.energy_partition`: larger makes rounder zones.
+        As in :func:`gpureg.energy_partition`: a larger value makes rounder regions.
     merge_tol : float, optional
-        Join regions whose regularized values are at most so far apart (:meth:`Regions.merged`).
+        Merge regions whose regularized values have at most this distance (:meth:`Regions.merged`).
     mask : bool array, optional
-        True where a pixel takes part. The others are in no region, and come back as they are.
+        True where a pixel takes part. The other pixels are in no region and are returned unchanged.
     spacing : sequence of float, optional
         Size of a pixel along each axis, for borders, sizes and centroids; None means 1.
     channel_axis : int, optional
@@ -93,7 +93,7 @@ def simplify_image(
     Returns
     -------
     Regions
-        Its `value` is the simplified image, `fine` the one before regularization, `labels` the partition, `graph` the
+        Its `value` is the simplified image, `fine` the image before regularization, `labels` the partition, `graph` the
         region adjacency graph.
 
     Raises
@@ -110,8 +110,8 @@ def simplify_image(
 
     Notes
     -----
-    Section 5.2: the energy partition of the extrema, one model for each zone, and the process of eq. 25 on the region
-    adjacency graph. ``lam=0`` with p = 2, "similarity" and 30 iterations is Fig. 4.
+    This is section 5.2: the energy partition of the extrema, one model for each region, and the process of eq. 25 on
+    the region adjacency graph. ``lam=0`` with p = 2, "similarity" and 30 iterations gives Fig. 4.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def simplify_image(
     raster = Raster.of(image, channel_axis, mask)
     check_run(asked)  # type: ignore[arg-type]
     if raster.inside is not None and not raster.inside.any():
-        raise ValueError("the mask leaves no pixel: True is where one takes part")
+        raise ValueError("the mask leaves no pixel: at least one value must be True")
     choice("model", model, MODELS)
     choice("metric", metric, METRICS)
     integer("rings", rings, low=1)
@@ -147,7 +147,7 @@ def simplify_image(
     with _timed(seconds, "partition"):
         labels = energy_partition(seen, grid, seeds, compactness=compactness, backend=backend)
     if raster.inside is not None and (labels[raster.inside] < 0).any():
-        raise ValueError("the markers reach only a part of the mask: give each of its pieces a marker")
+        raise ValueError("the markers reach only a part of the mask: give each connected part a marker")
     with _timed(seconds, "graph"):
         adjacency: dict[str, Any] = {"metric": metric, "spacing": spacing, "rings": rings}
         graph = region_graph(labels, **adjacency)
@@ -188,7 +188,7 @@ def _seen(
     smooth: float | None,
     backend: str,
 ) -> tuple[npt.NDArray[Any], Labels, float]:
-    """What the partition looks at, the sources in it, and the standard deviation of the smoothing."""
+    """Return the smoothed image for the partition, its sources, and the standard deviation of the smoothing."""
     if isinstance(given, str):
         if given not in SOURCES:
             raise ValueError(f"sources must be one of {', '.join(SOURCES)}, an integer or an array, got {given!r}")
@@ -207,7 +207,7 @@ def _seen(
 
 
 def _smoothed(cells: npt.NDArray[Any], grid: GridGraph, sigma: float) -> npt.NDArray[Any]:
-    """The image through a Gaussian, in float64; pixels outside the mask count as the nearest inside."""
+    """Smooth the image by a Gaussian, in float64; pixels outside the mask are replaced by the nearest inside."""
     if sigma == 0:
         return cells
     from scipy import ndimage

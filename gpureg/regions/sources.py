@@ -1,4 +1,4 @@
-"""Sources of an energy partition: regional extrema, valleys of the gradient, a grid of seeds (section 5.2)."""
+"""Sources of an energy partition: regional extrema, minima of the gradient, a grid of seeds (section 5.2)."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ Flags = npt.NDArray[np.bool_]
 
 @door
 def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: str = "auto") -> Labels:
-    """Label the regional extrema of a function: the flat zones that have no neighbour below, or none above.
+    """Label the regional extrema of a function: flat zones without a lower neighbour, or without a higher one.
 
     Parameters
     ----------
     f : array
-        As in :func:`gpureg.energy_partition`. Of several channels their mean is looked at, the intensity.
+        As in :func:`gpureg.energy_partition`. For several channels their mean is used, the intensity.
     graph : Graph or GridGraph
-        Its weights play no part.
+        Its weights are not used.
     kind : {"both", "minima", "maxima"}, default "both"
     backend : str, default "auto"
-        As in :func:`gpureg.regularize`; all give the same labels.
+        As in :func:`gpureg.regularize`; all backends give the same labels.
 
     Returns
     -------
     int32 array
-        0..k-1 on the k extrema, in the order of their first vertices, -1 elsewhere; the grid's shape, or (n,). A
-        function that is constant on a connected part has one extremum there, which is all of it: every part has one.
+        0..k-1 on the k extrema, in the order of their first vertices, -1 elsewhere; the grid's shape, or (n,). Every
+        connected part has an extremum; if the function is constant on the part, the extremum is the whole part.
 
     Raises
     ------
@@ -50,8 +50,8 @@ def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend:
 
     Notes
     -----
-    A single vertex that none of its neighbours exceeds is no extremum if it lies on a plateau with a way up: extrema
-    are whole plateaus, as in mathematical morphology.
+    Extrema are whole plateaus, as in mathematical morphology. A vertex without a higher neighbour is not an extremum if
+    another vertex of its plateau has one.
 
     Examples
     --------
@@ -69,16 +69,16 @@ def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend:
 
 @door
 def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto") -> Labels:
-    """Label the regional minima of the gradient norm of a function: where it is flattest.
+    """Label the regional minima of the gradient norm of a function.
 
     Parameters
     ----------
     f : array
         As in :func:`gpureg.energy_partition`; the gradient is that of all channels.
     graph : Graph or GridGraph
-        Its weights play no part.
+        Its weights are not used.
     backend : str, default "auto"
-        As in :func:`gpureg.regularize`; all give the same labels.
+        As in :func:`gpureg.regularize`; all backends give the same labels.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto"
 
     Notes
     -----
-    The norm is the root of the sum of (f(v) - f(u))^2 over the neighbours v of u, eq. 9 with w = 1.
+    The norm is the square root of the sum of (f(v) - f(u))^2 over the neighbours v of u, eq. 9 with w = 1.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto"
 
 @door
 def seeds(graph: GridGraph, step: int) -> Labels:
-    """A grid of seeds: single cells, `step` cells apart along every axis, in the middle of their blocks.
+    """Label a grid of seeds: single cells, `step` cells apart along every axis, in the middle of their blocks.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def seeds(graph: GridGraph, step: int) -> Labels:
     Raises
     ------
     TypeError, ValueError
-        A stored graph, a step that is no integer or below 1, a mask without a seed.
+        A stored graph, a step that is not an integer >= 1, a mask without a seed.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def seeds(graph: GridGraph, step: int) -> Labels:
         raise TypeError(f"seeds need a GridGraph, got {type(graph).__name__}")
     step = integer("step", step, low=1)
     seeded: Flags = np.zeros(graph.shape, bool)
-    # the middle of each block, or of what the border leaves of the first one
+    # the middle of each block, or of an axis that is shorter than a block
     seeded[tuple(slice(min(step, size) // 2, None, step) for size in graph.shape)] = True
     if graph.mask is not None:
         seeded &= graph.mask
@@ -162,7 +162,7 @@ def _inside(graph: AnyGraph) -> Flags:
 
 
 def _regional(g: FloatArray, graph: AnyGraph, kind: Kind, device: backends.Backend) -> Labels:
-    """Numbers of the flat zones of g, (n, 1), that are extrema; -1 elsewhere."""
+    """Number the flat zones of g, (n, 1), that are extrema; -1 elsewhere."""
     zone = flat_zones(g, graph, device)
     below, above = _neighbours(g.reshape(-1), graph)
     extremal: Flags = np.zeros(len(zone), bool)
@@ -171,7 +171,7 @@ def _regional(g: FloatArray, graph: AnyGraph, kind: Kind, device: backends.Backe
             free = np.ones(len(zone), bool)
             free[zone[has]] = False
             extremal |= free
-    # a zone is known by its first vertex, and those are counted in order
+    # a zone is identified by its first vertex; zones are numbered in this order
     extremal &= _inside(graph)
     first = extremal & (zone == np.arange(len(zone)))
     number = np.cumsum(first, dtype=np.int32) - np.int32(1)
@@ -180,7 +180,7 @@ def _regional(g: FloatArray, graph: AnyGraph, kind: Kind, device: backends.Backe
 
 
 def _neighbours(g: FloatArray, graph: AnyGraph) -> tuple[Flags, Flags]:
-    """Whether each vertex has a neighbour below it, and whether it has one above."""
+    """Return whether each vertex has a lower neighbour, and whether it has a higher one, both (n,)."""
     n = graph.n_vertices
     below, above = np.zeros(n, bool), np.zeros(n, bool)
     if isinstance(graph, Graph):
@@ -203,7 +203,7 @@ def _neighbours(g: FloatArray, graph: AnyGraph) -> tuple[Flags, Flags]:
 
 
 def _squared_gradient(f: FloatArray, graph: AnyGraph) -> FloatArray:
-    """The sum of |f(v) - f(u)|^2 over the neighbours v of each vertex u, (n, 1) in float64."""
+    """Compute the sum of |f(v) - f(u)|^2 over the neighbours v of each vertex u, (n, 1) in float64."""
     n, m = f.shape
     if isinstance(graph, Graph):
         u = graph.edge_rows()

@@ -24,21 +24,21 @@ def region_values(
     sources: npt.ArrayLike | None = None,
     n_regions: int | None = None,
 ) -> FloatArray:
-    """The model of each region: the mean or median of a function in it, or its value at the region's source.
+    """Compute the model of each region: the mean or median of a function, or its value at the region's source.
 
     Parameters
     ----------
     f : array
-        In the shape of `labels`, or that and m channels.
+        In the shape of `labels`, or with m channels as a last axis.
     labels : int array
-        0..k-1, -1 in no region; as :func:`gpureg.energy_partition` gives them.
+        0..k-1, -1 in no region, as returned by :func:`gpureg.energy_partition`.
     model : {"mean", "median", "source"}, default "mean"
-        The median of an even number of values is the mean of the two in the middle; of several channels, each has its
-        own. "source" is the mean over the source's cells, which for a plateau is its value.
+        "median" is computed for each channel; for an even number of values it is the mean of the two in the middle.
+        "source" is the mean over the cells of the source; for a plateau this is its value.
     sources : int array, optional
-        For "source": a region's label at the cells of its source, -1 elsewhere.
+        For "source": labels at the cells of the sources, -1 elsewhere, in the shape of `labels`.
     n_regions : int, optional
-        k; None takes the largest label plus one.
+        k; None means the largest label plus one.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def region_values(
         raise ValueError(f"f must have the shape of labels {shape}, or that and channels, got {values.shape}")
     zones = _labels(given, "labels")
     if (model == "source") != (sources is not None):
-        raise ValueError("sources go with model='source', and that needs them")
+        raise ValueError("sources and model='source' must be given together")
     if sources is not None:
         marked = unmasked(sources, "sources")
         zones = _labels(marked, "sources")
@@ -114,12 +114,12 @@ def _medians(cells: npt.NDArray[Any], zones: IntArray, counts: IntArray) -> Floa
 
 
 def _by_region(channel: npt.NDArray[Any], zones: IntArray) -> npt.NDArray[Any]:
-    """The values of one region after another, sorted in each."""
+    """Return the values region by region, sorted within each region."""
     with np.errstate(over="ignore"):
         narrow = channel.astype(np.float32)
     if np.array_equal(narrow, channel) and zones.max(initial=0) < 2**31:
-        # Label and value in one number, which sorts several times faster than two: the bits of a float rise with it if
-        # those of a negative one are turned round, and -0 is 0.
+        # Label and value in one integer: sorting is several times faster than by two keys. The bits of floats have the
+        # order of the floats if the bits of negative numbers are inverted and -0 is replaced by 0.
         bits = (narrow + np.float32(0)).view(np.uint32)
         rising = np.where(bits >> 31 == 1, ~bits, bits | np.uint32(1 << 31))
         packed = zones.astype(np.uint64) << np.uint64(32) | rising

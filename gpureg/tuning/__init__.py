@@ -1,7 +1,7 @@
-"""Choosing parameters from the noisy data alone.
+"""Choice of parameters from the noisy data alone.
 
-The discrepancy principle finds lam on any graph; SURE and J-invariance tell how good any denoiser's outcome is, and
-:func:`calibrate` the best of many parameters; :func:`nl_means_parameters` is a published table.
+The discrepancy principle finds lam on any graph. SURE and J-invariance estimate the error of any denoiser, and
+:func:`calibrate` uses them to find the best of many parameters. :func:`nl_means_parameters` is a published table.
 """
 
 from __future__ import annotations

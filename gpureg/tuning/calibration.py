@@ -1,4 +1,4 @@
-"""The best of many parameters of a denoiser, without the clean image."""
+"""Search for the best parameters of a denoiser without the clean image: :func:`calibrate`."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ class Trial:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a calibration found.
+    """The result of a calibration.
 
     Attributes
     ----------
     parameters : dict
-        The best ones, to be given to the denoiser.
+        The best parameters.
     loss : float
-        Theirs: with SURE an estimate of the mean squared error, with J-invariance of that plus sigma^2.
+        Their loss: with SURE an estimate of the mean squared error, with J-invariance of this error plus sigma^2.
     table : tuple of Trial
-        All that was tried, in order.
+        All trials, in order.
     method : {"sure", "j-invariance"}
     sigma : float, array or None
-        The noise that SURE took.
+        The standard deviation of the noise for SURE.
     """
 
     parameters: dict[str, Any]
@@ -72,33 +72,33 @@ def calibrate(
     every: bool = False,
     refine: bool = True,
 ) -> Calibration:
-    """Try a grid of parameters of any denoiser on the noisy image alone, and tell the best.
+    """Find the best parameters of any denoiser on a grid, from the noisy image alone.
 
     Parameters
     ----------
     denoise : callable
-        ``denoise(image, **parameters)`` gives an array of the image's shape.
+        ``denoise(image, **parameters)`` returns an array of the image's shape.
     image : array
         The noisy image.
     grid : mapping
-        For each parameter's name the values to try; all combinations are.
+        The values to try for the name of each parameter; all combinations are tried.
     method : {"sure", "j-invariance"}, default "sure"
-        :func:`sure` for white Gaussian noise, two calls of the denoiser for each choice; :func:`j_invariance` for any
-        noise that is independent from pixel to pixel, one call.
+        :func:`sure` for white Gaussian noise, with two calls of the denoiser per combination; :func:`j_invariance` for
+        any noise that is independent between pixels, with one call.
     sigma : float or array, optional
-        The noise, for SURE; None estimates it.
+        Standard deviation of the noise, for SURE; None estimates it.
     channel_axis : int, optional
+        The axis of the channels; None for a grey image.
     mask : bool array, optional
-        True where the image counts, without the axis of the channels.
-    spacing : sequence of float, optional
-    stride : int, default 4
-    every : bool, default False
+        True where the image counts, in the shape of the image without the channels.
+    stride, every, spacing
         As in :func:`j_invariance`.
     seed : int, default 0
-        Of SURE's random probe, the same for all.
+        Seed of SURE's random probe, which is the same for all combinations.
     refine : bool, default True
-        Try once more between the grid's values: at the vertex of the parabola through the best and its two neighbours,
-        for each parameter of floats whose best is not the first or the last; on a log scale where all are > 0.
+        Try one more combination between the values of the grid: for each parameter of floats whose best value is not
+        the first or the last, the vertex of the parabola through the best value and its two neighbours. The scale is
+        logarithmic if these values are > 0.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def calibrate(
     Raises
     ------
     TypeError, ValueError
-        An empty grid, an unknown method; and as :func:`sure` and :func:`j_invariance`.
+        An empty grid, an unknown method; also as :func:`sure` and :func:`j_invariance`.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def calibrate(
 
 
 def _vertex(at: list[Any], losses: list[float]) -> Any:
-    """Where the parabola through three losses, the middle one the least, has its vertex; the middle if none can be."""
+    """Return the vertex of the parabola through three losses, the middle one the smallest; the middle if it fails."""
     middle = at[1]
     if not all(isinstance(x, int | float | np.number) and not isinstance(x, bool) for x in at):
         return middle

@@ -1,4 +1,4 @@
-"""The fidelity lam of any denoiser that has one, found by a method named in a word."""
+"""Choice of the fidelity lam of a denoiser."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .risk import Inside, Values, j_invariance, sure
 LamMethod = Literal["discrepancy", "sure", "j-invariance"]
 LAM_METHODS: tuple[LamMethod, ...] = get_args(LamMethod)
 
-# The minimum of a loss is looked for within this factor of the first lam, to so much in log lam, and so many times anew
-# where it is at the end.
+# The minimum of a loss is searched within this factor of the first lam, with this precision in log lam. If it is at the
+# end of the interval, the search is repeated up to this number of times.
 _FACTOR, _PRECISION, _TIMES = 6.0, 0.1, 3
 
 
@@ -30,16 +30,16 @@ def lam_rule(
     mask: npt.ArrayLike | None = None,
     local: bool = True,
 ) -> float:
-    """A good lam without any search, in the notes of :func:`gpureg.plan_denoising`; other than `local` is less sure."""
+    """Return lam by the rule in the notes of :func:`gpureg.plan_denoising`; it is less reliable without `local`."""
     scale: float = 2.2 * float(sigma) ** (float(p) - 2)
     if not local:
         return scale
     inside = None if mask is None else np.asarray(mask)
     steps: float = gradient_to_noise(image, sigma, channel_axis=channel_axis, mask=inside)
     channels, ndim = (1, image.ndim) if channel_axis is None else (image.shape[channel_axis], image.ndim - 1)
-    # less than 0.3 drowns in the error of sigma
+    # below 0.3 the error of sigma dominates
     detail: float = max(0.3, math.sqrt(2) * steps) ** min(p, 0.4 * p**2)
-    # the norm of coupled channels, and of the gradient along further axes
+    # factors for coupled channels and for the number of axes
     return float(scale * detail * channels ** (p / 2 - 1) * (ndim / 2) ** (p / 2))
 
 
@@ -53,20 +53,20 @@ def choose_lam(
     data_range: float,
     inside: Inside = None,
 ) -> tuple[float, str]:
-    """The lam for ``denoise(pixels, lam)``, and how it was found.
+    """Choose lam for ``denoise(pixels, lam)``, with a description of the search.
 
     Parameters
     ----------
     method : {"discrepancy", "sure", "j-invariance"}
     denoise : callable
     pixels : (..., m) float array
-        The noisy image, its channels last.
+        The noisy image, with the channels last.
     sigma : float
         Standard deviation of the noise.
     start : float
-        A first guess.
+        First value of lam.
     data_range : float
-        For the PSNR that is reported.
+        Range for the PSNR in the description.
     inside : (...) bool array, optional
         The pixels that count.
     """
@@ -94,7 +94,7 @@ def choose_lam(
 
 
 def _in_words(error: float, sigma: float, data_range: float) -> str:
-    """An estimated mean squared error."""
+    """Describe an estimated mean squared error."""
     if not error > 0:
         return "estimated error not above 0"
     psnr, gain = (10 * math.log10(energy / error) for energy in (data_range**2, sigma**2))
@@ -102,7 +102,7 @@ def _in_words(error: float, sigma: float, data_range: float) -> str:
 
 
 def least(loss: Callable[[float], float], start: float) -> tuple[float, float, int]:
-    """The number near `start` at which a loss is least, its loss, and the evaluations."""
+    """Return the number near `start` with the smallest loss, this loss, and the number of evaluations."""
     from scipy import optimize
 
     middle, reach = math.log(start), math.log(_FACTOR)

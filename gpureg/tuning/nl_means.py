@@ -1,4 +1,4 @@
-"""The parameters of nonlocal means that IPOL published."""
+"""Parameters of nonlocal means published by IPOL: :func:`nl_means_parameters`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..checks import flag, number
 from ..doors import door
 from ..weights import Weights, patch
 
-# sigma of 255 up to which a row holds; radius of the patch; radius of the window; h as a multiple of sigma.
+# largest sigma of the row, for a range of 255; radius of the patch; radius of the window; h as a multiple of sigma
 _GREY = ((15, 1, 10, 0.40), (30, 2, 10, 0.40), (45, 3, 17, 0.35), (75, 4, 17, 0.35), (100, 5, 17, 0.30))
 _COLOUR = ((25, 1, 10, 0.55), (55, 2, 17, 0.40), (100, 3, 17, 0.35))
 
@@ -28,7 +28,7 @@ class NlMeansParameters:
         Filtering parameter of :func:`gpureg.weights.patch`: in the data's units times the square root of the number of
         samples in a patch, over all channels.
     sigma : float
-        The noise that is taken off the distances, in the data's units.
+        Standard deviation of the noise, in the data's units.
     """
 
     patch_radius: int
@@ -38,13 +38,13 @@ class NlMeansParameters:
 
     @property
     def weights(self) -> Weights:
-        """The weights themselves."""
+        """The weights with these parameters."""
         return patch(self.patch_radius, self.h, sigma=self.sigma)
 
 
 @door
 def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float = 255.0) -> NlMeansParameters:
-    """Patch, window and h of nonlocal means for a noise level, from IPOL's table.
+    """Return patch, window and h of nonlocal means for a noise level, from IPOL's table.
 
     Parameters
     ----------
@@ -53,17 +53,17 @@ def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float 
     color : bool, default False
         Whether the image has three channels.
     data_range : float, default 255
-        From black to white in the data's units: the table is one for 0..255.
+        Range from black to white in the data's units; the table is for 0..255.
 
     Raises
     ------
     TypeError, ValueError
-        A sigma beyond the table, a data_range that is not > 0.
+        A sigma that is not > 0 or above the table, a data_range that is not > 0.
 
     Notes
     -----
-    Buades, Coll, Morel, Non-Local Means Denoising, Image Processing On Line 1 (2011), doi:10.5201/ipol.2011.bcm_nlm;
-    ranges include their upper end, as in the program that comes with it:
+    The table is from Buades, Coll, Morel, Non-Local Means Denoising, Image Processing On Line 1 (2011),
+    doi:10.5201/ipol.2011.bcm_nlm. Ranges include their upper end, as in the program of the article:
 
     ===== ============ ======= ========= ==========
     image sigma        patch   window    h / sigma
@@ -78,9 +78,9 @@ def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float 
     color .. 100       7 x 7   35 x 35   0.35
     ===== ============ ======= ========= ==========
 
-    IPOL's weight is exp(-max(d^2 - 2 sigma^2, 0) / h^2) with d^2 the mean over the N samples of a patch in all
-    channels; ours has the sum, so that the `h` given here is theirs times sqrt(N). Their centre pixel counts as much as
-    the most similar other one, and all estimates of a pixel by patches over it are averaged.
+    IPOL's weight is exp(-max(d^2 - 2 sigma^2, 0) / h^2), where d^2 is the mean over the N samples of a patch in all
+    channels. gpureg uses the sum, so that `h` here is IPOL's h times sqrt(N). In IPOL's method the centre pixel has the
+    largest weight of its neighbours, and all estimates of a pixel by patches that cover it are averaged.
 
     Examples
     --------
@@ -99,5 +99,5 @@ def nl_means_parameters(sigma: float, *, color: bool = False, data_range: float 
             return NlMeansParameters(patch_radius, radius, factor * float(sigma) * math.sqrt(samples), float(sigma))
     raise ValueError(
         f"sigma = {sigma:g} is {level:.4g} of 255, but the table ends at 100: see data_range = {data_range:g}, or use "
-        "gpureg.denoise_image, whose rule has no end"
+        "gpureg.denoise_image, which has no limit"
     )

@@ -1,4 +1,4 @@
-"""The discrepancy principle: as much is taken away as there is noise."""
+"""The discrepancy principle: the removed noise has the energy of the given noise."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from ..regularization.path import Series
 from ..regularization.regularize import regularize
 from ..solvers import resolve
 
-# How far from 1 the ratio may end; factor from the first lam at which the search gives up.
+# Tolerance of the ratio to 1; factor from the first lam at which the search stops.
 RTOL, _FURTHEST = 0.01, 1e8
 
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """What the discrepancy principle found.
+    """The result of the discrepancy principle.
 
     Attributes
     ----------
     lam : float or (n,) array
-        The fidelity; one value per vertex where the noise was given so.
+        The fidelity; one value per vertex if the noise has one.
     result : Result
         The regularization with this fidelity.
     ratio : float
-        What was taken away, |f - f0|^2, as a share of the noise's n m sigma^2; the principle asks for 1.
+        |f - f0|^2 as a share of the noise's energy n m sigma^2; the principle requires 1.
     evaluations : int
-        Regularizations done.
+        Number of regularizations.
     """
 
     lam: float | FloatArray
@@ -54,7 +54,7 @@ class Discrepancy:
 
 
 def explained(ratio: float, evaluations: int) -> str:
-    """What the search did, in words."""
+    """Describe the result of a search."""
     return f"discrepancy principle: {ratio:.3f} of the noise's energy taken away, {evaluations} evaluation(s)"
 
 
@@ -68,7 +68,7 @@ def discrepancy(
     rtol: float = RTOL,
     **settings: Any,
 ) -> Discrepancy:
-    """Regularize with the fidelity that takes away as much as there is noise.
+    """Regularize with the fidelity for which the removed noise has the energy of the given noise.
 
     Parameters
     ----------
@@ -76,34 +76,34 @@ def discrepancy(
         The data, as in :func:`gpureg.regularize`.
     graph : Graph or GridGraph
     sigma : float or array
-        Standard deviation > 0 of the noise, in the data's units; one number, or one per vertex. Then lam(u) is
-        proportional to 1/sigma(u)^2, and each vertex is measured by its own noise.
+        Standard deviation > 0 of the noise, in the data's units; one number, or one per vertex. With one per vertex,
+        lam(u) is proportional to 1/sigma(u)^2, and the difference at each vertex is divided by sigma(u).
     start : float, optional
-        Where to begin the search. None takes 2.2 sigma^(p - 2), a good guess on the 4-adjacency graph of an image.
+        First lam of the search. None means 2.2 sigma^(p - 2), a good value on the 4-adjacency graph of an image.
     rtol : float, default 0.01
-        How far from 1 the ratio may end.
+        Tolerance of the ratio to 1.
     **settings
-        All others of :func:`gpureg.regularize`, but `lam` and `initial`.
+        The other options of :func:`gpureg.regularize`, except `lam` and `initial`.
 
     Returns
     -------
     Discrepancy
-        Its ``lam`` and ``result``, and the ratio reached. That stays below 1 if all that regularization can take away
-        is less than the noise: `sigma` is too large, or the iterations too few.
+        The fidelity, the regularization and the ratio. The ratio is below 1 if regularization cannot remove enough:
+        `sigma` is too large, or the iterations are too few.
 
     Raises
     ------
     ValueError, TypeError
-        A sigma that is not > 0, a setting that does not belong here; and as :func:`gpureg.regularize`.
+        A sigma that is not > 0, `lam` or `initial`; also as :func:`gpureg.regularize`.
 
     Notes
     -----
-    Solves ||f_lam - f0||^2 = n m sigma^2 (Morozov 1966; for total variation Rudin, Osher, Fatemi 1992), n the vertices
-    inside a grid's mask and m the channels, by Brent's method on log lam. With `tol` (the certified solver has one of
-    its own) and p >= 1, where the end does not depend on the start, each run begins at the last one's outcome.
-    The certified solver's tol must be small beside rtol: a gap of tol times the energy leaves a distance of about 1.5
-    sqrt(tol) times that of the noise, and the ratio open to twice as much. tol = 1e-5 goes with rtol = 0.01. The
-    principle smooths more than the least mean squared error asks for; :func:`sure` does better, at two runs for one.
+    Solves ||f_lam - f0||^2 = n m sigma^2 (Morozov 1966; for total variation Rudin, Osher, Fatemi 1992) by Brent's
+    method on log lam, with n vertices inside a grid's mask and m channels. With `tol` (the certified solver always has
+    one) and p >= 1 the result does not depend on the start, and each run starts at the result of the run before. The
+    certified solver's tol must be much smaller than rtol, e.g. 1e-5 for rtol = 0.01: a gap of tol times the energy
+    means an error of about 1.5 sqrt(tol) times the norm of the noise, and twice this error in the ratio. The principle
+    smooths more than the minimum of the mean squared error; :func:`sure` is better, but needs twice as many runs.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def discrepancy(
     """
     for name in ("lam", "initial"):
         if name in settings:
-            raise TypeError(f"{name} is what is looked for, or part of the search: leave it out")
+            raise TypeError(f"{name} is set by the search: leave it out")
     graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     data = as_function(graph, f0, "f0")
     inside = graph.mask.ravel() if isinstance(graph, GridGraph) and graph.mask is not None else None
@@ -128,7 +128,7 @@ def discrepancy(
         number("start", start, above=0)
     number("rtol", rtol, above=0)
     solver = resolve(settings.get("solver", "jacobi"))
-    # where the end does not depend on the start
+    # only if the result does not depend on the start
     warm = p >= 1 and (settings.get("tol") is not None or solver.tol is not None) and _SERIES.issuperset(settings)
     series = Series(f0, graph, **settings) if warm else None
     nearest: tuple[float, Result] | None = None
@@ -149,7 +149,7 @@ def discrepancy(
 
 
 def match(ratio: Callable[[float], float], start: float, rtol: float = RTOL) -> tuple[float, float, int]:
-    """The lam at which a falling `ratio` is nearest to 1, the ratio there, and the evaluations."""
+    """Return the lam at which a decreasing `ratio` is nearest to 1, this ratio, and the number of evaluations."""
     from scipy import optimize
 
     number("start", start, above=0)
@@ -163,7 +163,8 @@ def match(ratio: Callable[[float], float], start: float, rtol: float = RTOL) -> 
 
     first = x = math.log(start)
     y = height(x)
-    # The ratio falls about as 1/lam: a step beyond that guess, then larger ones, until 1 lies between two of them.
+    # The ratio is about proportional to 1/lam. The first step goes beyond that estimate, further steps are larger,
+    # until 1 lies between two ratios.
     step, most = 1.5 * y, math.log(_FURTHEST)
     while y and x != (there := min(max(x + step, first - most), first + most)):
         beyond = height(there)
@@ -180,7 +181,7 @@ def _mean_square(values: FloatArray, inside: npt.NDArray[np.bool_] | None) -> fl
 
 
 def _noise(sigma: float | npt.ArrayLike, graph: Graph | GridGraph, inside: npt.NDArray[np.bool_] | None) -> FloatArray:
-    """The noise as (1, 1) or (n, 1), after checking it; 1 outside the mask."""
+    """Check the noise, and return it as (1, 1) or (n, 1), with 1 outside the mask."""
     array = np.asarray(sigma)
     if array.dtype.kind not in "iuf":
         raise TypeError(f"sigma must be a real number or an array of them, got {sigma!r}")

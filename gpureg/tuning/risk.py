@@ -1,4 +1,4 @@
-"""How far a denoised image is from the clean one that nobody has: estimates of the mean squared error."""
+"""Estimates of the mean squared error of a denoised image without the clean image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Denoiser = Callable[..., npt.ArrayLike]
 Values = npt.NDArray[np.floating[Any]]
 Inside = npt.NDArray[np.bool_] | None
 
-# The step of the random probe as a share of the noise.
+# Step of the random probe, as a share of the noise.
 _STEP = 0.02
 
 
@@ -34,42 +34,45 @@ def sure(
     seed: int = 0,
     step: float | None = None,
 ) -> float:
-    """Stein's unbiased estimate of a denoiser's mean squared error, by one random probe.
+    """Estimate the mean squared error of a denoiser without bias (Stein), by one random probe.
 
     Parameters
     ----------
     denoise : callable
-        ``denoise(image)`` gives an array of the image's shape. It is called twice, with floats: integers are converted,
-        so that no rounding hides the small step.
+        ``denoise(image)`` returns an array of the image's shape. It is called twice with floats: integers are
+        converted, as rounding would hide the small step.
     image : array
         The noisy image, or data of any shape.
     sigma : float or array
-        Standard deviation >= 0 of its white Gaussian noise, in its units; an array broadcasts against the image.
+        Standard deviation >= 0 of the white Gaussian noise, in the image's units; an array broadcasts to the image.
     channel_axis : int, optional
         The axis of the channels, for `mask`.
     mask : bool array, optional
-        True where a pixel counts, without the axis of the channels; NaN is allowed elsewhere.
+        True where a pixel counts, in the shape of the image without the channels; NaN is allowed elsewhere.
     seed : int, default 0
-        Of the probe: the same for denoisers that are compared.
+        Seed of the probe; use the same one for denoisers that are compared.
     step : float, optional
-        Length of the probe's step, in the image's units; None takes a fiftieth of sigma.
+        Length of the probe's step, in the image's units; None means sigma/50.
 
     Returns
     -------
     float
-        Mean over pixels and channels, in squared units of the image. It scatters around the truth by about
-        sigma^2 sqrt(2/N) and can be negative.
+        Mean over pixels and channels, in squared units of the image. Its standard deviation is about
+        sigma^2 sqrt(2/N), and it can be negative.
 
     Raises
     ------
     TypeError, ValueError
-        Arguments that do not fit, or a denoiser that gives another shape or values that are not finite.
+        Arguments that do not match, or a denoiser that returns another shape or values that are not finite.
 
     Notes
     -----
-    mean((f(y) - y)^2) - mean(sigma^2) + 2 mean(sigma^2 b (f(y + e b) - f(y))/e), b = +-1 at random, e the step: Ramani,
-    Blu, Unser, Monte-Carlo SURE (IEEE TIP 17(9), 2008). The denoiser must be continuous, and weights that it takes from
-    the image must be taken from the one it is given.
+    The estimate is
+
+        mean((f(y) - y)^2) - mean(sigma^2) + 2 mean(sigma^2 b (f(y + e b) - f(y))/e)
+
+    with random b = +-1 and step e (Ramani, Blu, Unser, Monte-Carlo SURE, IEEE TIP 17(9), 2008). The denoiser must be
+    continuous. If it computes weights from the image, it must compute them from its argument.
 
     Examples
     --------
@@ -86,7 +89,9 @@ def sure(
     try:
         variance = np.broadcast_to(noise.astype(np.float64) ** 2, values.shape)
     except ValueError:
-        raise ValueError(f"sigma must be a number or fit shape {values.shape}, got shape {noise.shape}") from None
+        raise ValueError(
+            f"sigma must be a number or broadcast to shape {values.shape}, got shape {noise.shape}"
+        ) from None
     if inside is not None:
         variance = variance[inside]
     if not np.isfinite(variance).all() or (noise < 0).any():
@@ -116,7 +121,7 @@ def j_invariance(
     mask: npt.ArrayLike | None = None,
     spacing: Sequence[float] | None = None,
 ) -> float:
-    """Self-supervised loss of a denoiser: how well it tells pixels that it is not shown.
+    """Compute the self-supervised loss of a denoiser: the error of its predictions of hidden pixels.
 
     Parameters
     ----------
@@ -125,34 +130,34 @@ def j_invariance(
     image : array
         The noisy image.
     stride : int, default 4
-        Steps >= 2 of the grid of pixels that are hidden at a time.
+        Distance >= 2 between the pixels that are hidden at the same time.
     every : bool, default False
         Hide every pixel once, in stride^d grids, instead of one grid in the middle.
     channel_axis : int, optional
         The axis of the channels, which are hidden together.
     mask : bool array, optional
-        True where a pixel counts, without the axis of the channels; NaN is allowed elsewhere.
+        True where a pixel counts, in the shape of the image without the channels; NaN is allowed elsewhere.
     spacing : sequence of float, optional
-        Size of a pixel along each axis: the nearer of the neighbours in whose place a hidden pixel is filled count
-        more, by the inverse square of their distance.
+        Size of a pixel along each axis; None means 1. A hidden pixel is replaced by the mean of its neighbours, with
+        the inverse squares of their distances as weights.
 
     Returns
     -------
     float
-        Mean squared difference to the noisy values. It is the mean squared error plus sigma^2, whatever the noise, as
-        long as it is independent from pixel to pixel: smaller is better.
+        Mean squared difference to the noisy values. It estimates the mean squared error plus sigma^2, for any noise
+        that is independent between pixels; smaller is better.
 
     Raises
     ------
     TypeError, ValueError
-        As :func:`sure`; an image too small for the stride.
+        As :func:`sure`; also an image that is too small for the stride.
 
     Notes
     -----
-    Batson and Royer, Noise2Self (ICML 2019). A hidden pixel takes the mean of its nearest neighbours along the axes.
-    With equal spacing and no mask this is the loss of scikit-image's ``denoise_invariant``, which converts integers to
-    0..1 and knows neither mask nor spacing. Denoisers that weigh the pixel itself most suffer most by its absence:
-    parameters that are best here smooth too little or too much in the plain denoiser, where :func:`sure` is exact.
+    See Batson and Royer, Noise2Self (ICML 2019). With equal spacing and no mask this is the loss of scikit-image's
+    ``denoise_invariant``, which converts integers to 0..1 and has neither mask nor spacing. Denoisers that give the
+    pixel itself a large weight lose most when it is hidden. Then the best parameters here smooth too little or too much
+    in the denoiser itself; :func:`sure` does not have this error.
 
     Examples
     --------
@@ -161,7 +166,7 @@ def j_invariance(
     >>> round(j_invariance(lambda y: 0 * y, noisy, every=True), 1)  # no error, and the noise of 3.9
     3.9
     """
-    integer("stride", stride, low=2)  # of 1, a hidden pixel has no neighbour that is shown
+    integer("stride", stride, low=2)  # with 1, all neighbours of a hidden pixel are hidden
     every = flag("every", every)
     values, inside = _checked(image, mask, channel_axis)
     axes = [axis for axis in range(values.ndim) if channel_axis is None or axis != channel_axis % values.ndim]
@@ -185,7 +190,7 @@ def j_invariance(
 
 
 def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int | None) -> tuple[Values, Inside]:
-    """The image as floats, and the mask in its shape, after checking."""
+    """Check the image and the mask, and return them as floats and as booleans in the image's shape."""
     array = unmasked(image, "image")
     if array.dtype.kind not in "iuf":
         raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
@@ -204,7 +209,7 @@ def _checked(image: npt.ArrayLike, mask: npt.ArrayLike | None, channel_axis: int
     if not np.isfinite(_of(values, inside)).all():
         raise ValueError("image must be finite; a mask can leave pixels out")
     if not _of(values, inside).size:
-        raise ValueError("image is empty, or the mask leaves nothing of it")
+        raise ValueError("image is empty, or the mask is False everywhere")
     return values, inside
 
 
@@ -213,18 +218,18 @@ def _of(values: npt.NDArray[Any], inside: Inside) -> npt.NDArray[Any]:
 
 
 def _denoised(denoise: Denoiser, values: Values, where: Inside) -> npt.NDArray[np.float64]:
-    """What a denoiser gives at some pixels, in float64, after checking it."""
+    """Return the checked result of a denoiser at some pixels, in float64."""
     value = np.asarray(denoise(values))
     if value.shape != values.shape:
-        raise ValueError(f"the denoiser must give the shape it is given, {values.shape}, got {value.shape}")
+        raise ValueError(f"the denoiser must return an array of shape {values.shape}, got {value.shape}")
     chosen: npt.NDArray[np.float64] = _of(value, where).astype(np.float64)
     if not np.isfinite(chosen).all():
-        raise ValueError("the denoiser gave values that are not finite")
+        raise ValueError("the denoiser returned values that are not finite")
     return chosen
 
 
 def _grids(sizes: list[int], stride: int, every: bool) -> Iterator[tuple[slice, ...]]:
-    """Grids of pixels, as slices; an axis of size 0 here is one of channels, taken whole."""
+    """Yield grids of pixels as slices; size 0 means an axis of channels, whose slice is the whole axis."""
     offsets = itertools.product(*[range(stride) if size else (0,) for size in sizes])
     grids = [
         tuple(slice(o, None, stride) if size else slice(None) for o, size in zip(offset, sizes, strict=True))
@@ -234,7 +239,7 @@ def _grids(sizes: list[int], stride: int, every: bool) -> Iterator[tuple[slice, 
 
 
 def _neighbours(values: Values, inside: Inside, spacing: dict[int, float]) -> Values:
-    """Mean of the nearest neighbours along these axes, mirrored at the border, without those outside the mask."""
+    """Compute the mean of the nearest neighbours along these axes inside the mask, mirrored at the border."""
     from scipy import ndimage
 
     kept: Any = np.ones(1, values.dtype) if inside is None else inside.astype(values.dtype)
@@ -245,7 +250,7 @@ def _neighbours(values: Values, inside: Inside, spacing: dict[int, float]) -> Va
             pair = np.array([1, 0, 1]) / step**2
             total += ndimage.convolve1d(data, pair, axis, mode="mirror")
             weight += ndimage.convolve1d(np.broadcast_to(kept, values.shape), pair, axis, mode="mirror")
-    # without a neighbour the mean of all
+    # a pixel without neighbours gets the mean of all pixels
     alone = data.sum() / np.broadcast_to(kept, values.shape).sum()
     mean: Values = np.where(weight > 0, total / np.where(weight > 0, weight, 1), alone).astype(values.dtype)
     return mean

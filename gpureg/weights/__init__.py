@@ -1,9 +1,9 @@
-"""Weight functions w(u, v): how alike two vertices are (section 5.2 and figures 5 to 8 of the paper).
+"""Weight functions w(u, v): the similarity of two vertices (section 5.2 and figures 5 to 8 of the paper).
 
-A weight function is an object that, given a backend, a graph and the data, puts weights on the device. Those of the
-form s(u, v) exp(-patch distance) derive from :class:`PatchWeights` and are computed there; any other derives from
-:class:`EdgeWeights` and says in numpy what the weight between arrays of vertices is. To add one: a class, a function
-below it, a name here, and a row in ``tests/weights/test_weights.py``.
+A weight function is an object that computes weights for a graph and data on the device of a backend. Functions of the
+form s(u, v) exp(-patch distance) derive from :class:`PatchWeights` and are computed there. Others derive from
+:class:`EdgeWeights` and are computed in numpy. A new one needs a class, a function below it, a name here, and a row in
+``tests/weights/test_weights.py``.
 """
 
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights

@@ -1,4 +1,4 @@
-"""What a weight function is: :class:`Weights`, with its kinds, and its parameters: numbers, or one per vertex."""
+"""Base classes of weight functions, and their parameters: numbers, or one number per vertex."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Weights(ABC):
 
     @property
     def reach(self) -> int:
-        """Cells around its two vertices that a weight looks at."""
+        """Radius in cells of the data around its two vertices that a weight depends on."""
         return 0
 
     @abstractmethod
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with these weights, computed from the data `f0` (n, m), on the backend's device."""
+        """Compute the weights from the data `f0` (n, m), and return the graph with them on the backend's device."""
 
     def on(self, graph: AnyGraph) -> Weights:
-        """The same weight function with its data, if it has any, as rows, one for each vertex of a graph.
+        """Return the weight function with its own data, such as a guide, as one row per vertex of a graph.
 
         Raises
         ------
@@ -41,15 +41,15 @@ class Weights(ABC):
         return self
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """The weight function that gives a part of the grid the weights it has in the whole, to the bit.
+        """Return the weight function for a part of the grid, with the same weights there, bit for bit.
 
-        None where there is no such function: weights that may know all vertices by their numbers.
+        None if this is not possible, as for weights that may depend on the numbers of all vertices.
         """
         return None
 
 
 def rows_of(table: FloatArray, grid: GridGraph, box: tuple[slice, ...]) -> FloatArray:
-    """The rows of a table that belong to the vertices of a part of the grid."""
+    """Return the rows of a table (n, q) that belong to a part of the grid."""
     return table.reshape(*grid.shape, table.shape[-1])[box].reshape(-1, table.shape[-1])
 
 
@@ -58,47 +58,47 @@ class PatchWeights(Weights):
 
     @abstractmethod
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
-        """These weights on a graph, between data of so many channels, as a backend of this type takes them."""
+        """Return the parameters of these weights on a graph for a backend of this type."""
 
     @property
     def storage(self) -> Storage:
-        """In which form the device holds the weights."""
+        """How the weights are stored on the device."""
         return "full"
 
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with these weights, on the backend's device."""
+        """Compute the weights on the backend's device, and return the graph with them."""
         form = self.form(graph, f0.shape[1], backend.dtype)
         return backend.patch_distance(graph, f0, form, storage=self.storage)
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """Itself: it knows steps between vertices, not their places."""
+        """Return itself: it depends on steps between vertices, not on their positions."""
         return self
 
 
 class EdgeWeights(Weights):
-    """A weight function computed in numpy, an array of edges at a time.
+    """A weight function computed in numpy, for an array of edges at a time.
 
     Attributes
     ----------
     reads_data : bool
-        Whether the weights depend on the data f0. Where they do not, a stored graph's are computed once: those of the
-        last such function are cached for as long as the graph lives.
+        Whether the weights depend on the data f0. If not, the weights of the last function on a stored graph are cached
+        as long as the graph exists.
     """
 
     reads_data: ClassVar[bool] = True
 
     @abstractmethod
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-        """Weights of the edges from vertices `u` to vertices `v`, both (k,); symmetric in u and v."""
+        """Compute the weights (k,) of the edges from vertices `u` to vertices `v`, both (k,); symmetric in u and v."""
 
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with these weights, on the backend's device."""
+        """Compute the weights, and return the graph with them on the backend's device."""
         if isinstance(graph, Graph):
             values = self._of_stored(graph, f0)
             if values.size and (largest := float(values.max())) > np.finfo(backend.dtype).max:
                 raise ValueError(
-                    f"the largest weight, {largest:.3g}, is beyond {np.dtype(backend.dtype)}: join vertices that all "
-                    "but coincide, rescale, or use dtype=float64"
+                    f"the largest weight, {largest:.3g}, is beyond {np.dtype(backend.dtype)}: join vertices at nearly "
+                    "the same position, rescale, or use dtype=float64"
                 )
             return backend.prepare(graph, values)
         half = np.zeros((graph.half_window, *graph.shape), backend.dtype)
@@ -119,18 +119,25 @@ class EdgeWeights(Weights):
         values = self.between(graph, f0, graph.edge_rows(), graph.indices)
         values = check_weights(values, (graph.n_edges,), "one per directed edge")
         if not self.reads_data:
-            values.flags.writeable = False  # so that a backend may keep its copy
+            values.flags.writeable = False  # so that a backend may cache its copy
             _last[graph] = (self, values)
         return values
 
 
-# The last weight function of each stored graph that does not read the data, and its weights.
+# For each stored graph the last weight function that does not depend on the data, and its weights.
 _last: weakref.WeakKeyDictionary[Graph, tuple[EdgeWeights, FloatArray]] = weakref.WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class PerVertex:
-    """A parameter with a value of its own at every vertex, (n,), and a typical one, that of the whole in its parts."""
+    """A parameter with one value per vertex.
+
+    Attributes
+    ----------
+    values : (n,) float array
+    middle : float
+        Median of the values on the whole graph; it does not change in parts of a grid.
+    """
 
     values: FloatArray
     middle: float
@@ -139,7 +146,7 @@ class PerVertex:
         return "a map"
 
     def on(self, graph: AnyGraph, name: str) -> FloatArray:
-        """The values, once there is one for every vertex of the graph."""
+        """Return the values, after checking that there is one per vertex of the graph."""
         if len(self.values) != graph.n_vertices:
             raise ValueError(
                 f"{name} must be a number or hold {graph.n_vertices} values, one per vertex; got {len(self.values)}"
@@ -147,7 +154,7 @@ class PerVertex:
         return self.values
 
     def part(self, grid: GridGraph, box: tuple[slice, ...], name: str) -> PerVertex:
-        """The values of a part of the grid."""
+        """Return the parameter for a part of the grid."""
         return replace(self, values=rows_of(self.on(grid, name)[:, None], grid, box)[:, 0])
 
 
@@ -155,7 +162,7 @@ Parameter = float | PerVertex
 
 
 def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False, zero: bool = False) -> Parameter:
-    """A number > 0 (or 0, or infinite), or one per vertex, checked."""
+    """Check a parameter: a number > 0 (with `zero` also 0, with `infinite` also infinity), or one per vertex."""
     if np.ndim(value) > 0:
         given = np.asarray(value)
         if given.dtype.kind not in "biuf":
@@ -171,7 +178,7 @@ def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False
 
 
 def part_of_parameter(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
-    """A parameter for a part of the grid."""
+    """Return a parameter for a part of the grid."""
     return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
 
 

@@ -1,4 +1,4 @@
-"""Weights by distances, in space or between features: :func:`constant`, :func:`inverse_distance`, :func:`gaussian`."""
+"""Weights from distances in space or between features: :func:`constant`, :func:`inverse_distance`, :func:`gaussian`."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from .base import EdgeWeights, Weights, rows_of
 
 
 def _squared_distances(points: FloatArray, u: IntArray, v: IntArray, unit: float = 1.0) -> FloatArray:
-    """|points(u) - points(v)|^2 in units of `unit`, (k,)."""
+    """Compute |points(u) - points(v)|^2 / unit^2, (k,)."""
     total, steps, ends = np.zeros((3, len(u)))
     u, v = u.astype(np.intp, copy=False), v.astype(np.intp, copy=False)
-    # A coordinate at a time, into the same arrays: to gather rows of a few numbers takes numpy four times as long.
+    # One coordinate at a time, into the same arrays: gathering rows of a few numbers takes numpy four times as long.
     for x in np.ascontiguousarray(points.T, np.float64):
-        # in range: these are vertices; "clip" spares numpy a copy of its output
+        # the indices are in range; "clip" avoids a copy of the output in numpy
         np.take(x, v, out=steps, mode="clip")
         np.take(x, u, out=ends, mode="clip")
         steps -= ends
-        steps /= unit  # before the square, which would be 0 of a tiny unit
+        steps /= unit  # before squaring: the square of a tiny unit is 0
         steps *= steps
         total += steps
     return total
 
 
 def _positions(graph: Graph) -> FloatArray:
-    """Coordinates of the vertices, (n, d)."""
+    """Return the coordinates of the vertices, (n, d)."""
     if graph.positions is None:
         raise ValueError("these weights need the vertices' coordinates: give the graph positions=(n, d)")
     return graph.positions
 
 
 def _squared_lengths(graph: AnyGraph, u: IntArray, v: IntArray) -> FloatArray:
-    """|u - v|^2 in the units of the grid's spacing or the graph's positions, (k,)."""
+    """Compute |u - v|^2 in the units of the grid's spacing or the graph's positions, (k,)."""
     if isinstance(graph, Graph):
         return _squared_distances(_positions(graph), u, v)
     cells = np.stack(np.unravel_index(u, graph.shape)) - np.stack(np.unravel_index(v, graph.shape))
@@ -51,12 +51,12 @@ def _squared_lengths(graph: AnyGraph, u: IntArray, v: IntArray) -> FloatArray:
 
 
 def nearness(graph: AnyGraph, sigma: float) -> FloatArray | None:
-    """exp(-|u - v|^2 / sigma^2), per forward offset of a grid or per directed edge; None for an infinite sigma."""
+    """Compute exp(-|u - v|^2 / sigma^2) per forward offset of a grid or per directed edge; None for infinite sigma."""
     if math.isinf(sigma):
         return None
     if isinstance(graph, GridGraph):
         steps = graph.forward_offsets * graph.cell
-        # divided first: the square of a tiny sigma would be 0
+        # divided before squaring: the square of a tiny sigma is 0
         squares: FloatArray = ((steps / sigma) ** 2).sum(axis=1)
     else:
         squares = _squared_distances(_positions(graph), graph.edge_rows(), graph.indices, sigma)
@@ -69,13 +69,13 @@ class Constant(Weights):
     """See :func:`constant`."""
 
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with weight 1 on every edge."""
+        """Return the graph with weight 1 on every edge, on the backend's device."""
         if isinstance(graph, Graph) and graph.weights is not None:
             return backend.prepare(graph, np.ones(graph.n_edges, backend.dtype))
         return backend.prepare(graph, None)
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """Itself."""
+        """Return itself."""
         return self
 
 
@@ -87,16 +87,16 @@ class InverseDistance(EdgeWeights):
     power: float
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-        """Weights |u - v|^-power."""
+        """Compute the weights |u - v|^-power, (k,)."""
         distance = np.sqrt(_squared_lengths(graph, u, v))
         if distance.size and not distance.min() > 0:
             k = int(np.argmin(distance))
-            raise ValueError(f"vertices {u[k]} and {v[k]} lie on the same point: 1/distance has no value there")
+            raise ValueError(f"vertices {u[k]} and {v[k]} lie at the same point: 1/distance is infinite")
         weights: FloatArray = distance**-self.power
         return weights
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """Itself, where coordinates are whole numbers; the roundings of others would depend on the place."""
+        """Return itself if coordinates are integers; with a spacing, rounding errors depend on the position."""
         return self if grid.spacing is None else None
 
 
@@ -114,36 +114,36 @@ class Gaussian(EdgeWeights):
         return self.features
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """The features of the part."""
+        """Return the weight function with the features of the part."""
         return Gaussian(rows_of(self._of(grid), grid, box), self.sigma)
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-        """Weights exp(-|features(u) - features(v)|^2 / sigma^2)."""
+        """Compute the weights exp(-|features(u) - features(v)|^2 / sigma^2), (k,)."""
         weights: FloatArray = np.exp(-_squared_distances(self._of(graph), u, v) / self.sigma**2)
         return weights
 
 
 @door
 def constant() -> Weights:
-    """Weight 1 on every edge: the unweighted graph."""
+    """Return the weight function with weight 1 on every edge: the unweighted graph."""
     return Constant()
 
 
 @door
 def inverse_distance(power: float = 2) -> Weights:
-    """Weights 1/|u - v|^power between the positions of the vertices (figure 6 of the paper, with power 2).
+    """Return weights 1/|u - v|^power, with the distance between the vertices' positions (figure 6: power 2).
 
     Raises
     ------
     TypeError, ValueError
-        A power that is not a number > 0; at use, vertices without positions, or two that lie on the same point.
+        A power that is not a number > 0; at use, vertices without positions, or neighbours at the same point.
     """
     return InverseDistance(number("power", power, above=0))
 
 
 @door
 def gaussian(features: npt.ArrayLike, sigma: float) -> Weights:
-    """Weights exp(-|F(u) - F(v)|^2 / sigma^2) between feature vectors of the vertices.
+    """Return weights exp(-|F(u) - F(v)|^2 / sigma^2) for feature vectors F of the vertices.
 
     Parameters
     ----------

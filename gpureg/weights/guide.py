@@ -1,4 +1,4 @@
-"""What weights compare, where it is not the data themselves: :func:`guided`, :func:`smoothed`."""
+"""Weights that compare other values than the data: :func:`guided`, :func:`smoothed`."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from ..doors import door
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import PatchWeights, Weights, rows_of
 
-# Brightness and two opponent colours, orthonormal but for the share of the colours, which have less detail than noise.
+# Brightness and two opponent colours: orthonormal, except for a smaller factor of the colours, which are noisier.
 CHROMA = 0.45
 OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
 OPPONENT[1:] *= CHROMA
 
-# Standard deviations at which a Gaussian ends.
+# Number of standard deviations at which a Gaussian is cut off.
 _TRUNCATE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Compared(Weights):
-    """A weight function that is given something else than the data."""
+    """A weight function that compares other values than the data."""
 
     weights: Weights
 
     @abstractmethod
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
-        """What is compared, (n, q), where the data are `f0`, (n, m)."""
+        """Return the compared values, (n, q), for the data `f0`, (n, m)."""
 
     def channels(self, m: int) -> int:
-        """Channels q of what is compared, where the data have m."""
+        """Return the number of channels q of the compared values, for data with m channels."""
         return m
 
     def on(self, graph: AnyGraph) -> Weights:
-        """The weight function it is given to, for a graph."""
+        """Return it with the inner weight function for a graph."""
         return replace(self, weights=self.weights.on(graph))
 
     def prepare(self, backend: Backend, graph: AnyGraph, f0: FloatArray) -> Weighted:
-        """The graph with weights computed from what is compared."""
+        """Compute the weights from the compared values, and return the graph with them on the backend's device."""
         return self.weights.prepare(backend, graph, self.of(graph, f0))
 
     @property
     def reach(self) -> int:
-        """That of the weight function."""
+        """Radius of the inner weight function."""
         return self.weights.reach
 
 
@@ -61,7 +61,7 @@ class Guided(Compared):
     guide: FloatArray
 
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
-        """The guide as rows, once it has one for every vertex of the graph."""
+        """Return the guide as rows (n, q), after checking that there is one per vertex of the graph."""
         n, shape = graph.n_vertices, self.guide.shape
         grid = graph if isinstance(graph, GridGraph) else graph.grid
         if shape[0] != n and (grid is None or shape[: grid.ndim] != grid.shape):
@@ -70,15 +70,15 @@ class Guided(Compared):
         return self.guide.reshape(n, -1)
 
     def channels(self, m: int) -> int:
-        """The guide's, once it is rows."""
+        """Return the number of channels of the guide, which must be rows (n, q)."""
         return int(self.guide.shape[1])
 
     def on(self, graph: AnyGraph) -> Weights:
-        """The guide as rows."""
+        """Return the weight function with the guide as rows (n, q)."""
         return Guided(self.weights.on(graph), self.of(graph, self.guide))
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """The weight function's part, with the guide's."""
+        """Return the weight function with the part of the guide."""
         weights = self.weights.part(grid, box)
         return None if weights is None else Guided(weights, rows_of(self.of(grid, self.guide), grid, box))
 
@@ -91,7 +91,7 @@ class Smoothed(Compared):
     opponent: bool = False
 
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
-        """The data in opponent colours or their own, smoothed along every axis of the grid."""
+        """Return the smoothed data, (n, m), with `opponent` in opponent colours."""
         from scipy import ndimage
 
         grid = graph if isinstance(graph, GridGraph) else graph.grid
@@ -103,7 +103,7 @@ class Smoothed(Compared):
         cells = f.reshape(*grid.shape, f.shape[1])
         stds = blur_stds(self.std, grid.spacing, grid.ndim)
 
-        # under a mask too: patches see what stands there, and so does the blur
+        # values outside the mask too, as in patches
         channels = [
             ndimage.gaussian_filter(cells[..., c], stds, mode="mirror", truncate=_TRUNCATE) for c in range(f.shape[1])
         ]
@@ -111,11 +111,11 @@ class Smoothed(Compared):
 
     @property
     def reach(self) -> int:
-        """That of the weight function, and of the Gaussian."""
+        """Radius of the inner weight function plus that of the Gaussian."""
         return self.weights.reach + int(_TRUNCATE * self.std + 0.5)
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """The weight function's part, smoothed likewise."""
+        """Return the weight function with the part of the inner one."""
         weights = self.weights.part(grid, box)
         return None if weights is None else replace(self, weights=weights)
 
@@ -126,14 +126,14 @@ def _in_opponent_colours(f: FloatArray) -> FloatArray:
     red, green, blue = f.T
     seen = np.empty_like(f)
     for c, (r, g, b) in enumerate(OPPONENT.astype(f.dtype)):
-        # not a matrix product, whose order of sums may depend on where a pixel lies
+        # not a matrix product, whose order of summation may depend on the position of a pixel
         seen[:, c] = r * red + g * green + b * blue
     return seen
 
 
 @dataclass(frozen=True, eq=False)
 class _Chain(Compared):
-    """What the innermost of several is given, through all of those around it."""
+    """Several nested functions as one: the compared values pass through all of them."""
 
     steps: tuple[Compared, ...] = ()
 
@@ -149,7 +149,7 @@ class _Chain(Compared):
 
 
 def patch_weights(weights: object) -> tuple[PatchWeights, Compared | None] | None:
-    """Patch weights alone, and what they are given, None where it is the data. None if they are no such weights."""
+    """Return the inner patch weights, and what they compare (None for the data); None for other weights."""
     steps: list[Compared] = []
     while isinstance(weights, Compared):
         steps.append(weights)
@@ -161,18 +161,18 @@ def patch_weights(weights: object) -> tuple[PatchWeights, Compared | None] | Non
 
 @door
 def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
-    """The same weight function, computed from other data than those that are regularized.
+    """Return a weight function that compares a guide instead of the data.
 
     Parameters
     ----------
     weights : Weights
     guide : (n,) or (n, q) float array, on a grid also shape or shape + (q,)
-        What the weights compare, one row per vertex, channels last, e.g. a cleaner picture of the same scene.
+        The compared values, one row per vertex, channels last, e.g. a cleaner image of the same scene.
 
     Raises
     ------
     TypeError, ValueError
-        No weight function, or a guide that is not finite; at use, another number of vertices.
+        Not a weight function, or a guide that is not finite; at use, another number of vertices.
     """
     given = np.asarray(guide)
     if given.dtype.kind not in "biuf":
@@ -185,27 +185,27 @@ def guided(weights: Weights, guide: npt.ArrayLike) -> Weights:
 
 @door
 def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights:
-    """The same weight function on a grid, computed from the data after a Gaussian blur.
+    """Return a weight function on a grid that compares the data after a Gaussian blur.
 
     Parameters
     ----------
     weights : Weights
     std : float
-        Standard deviation of the Gaussian >= 0, in the smallest cells (fewer of larger ones); it ends at 4 of them.
+        Standard deviation of the Gaussian >= 0, in units of the smallest cell side; it is cut off at 4 std.
     opponent : bool, default False
-        Compare brightness and, at 0.45, two opponent colours instead of red, green and blue: three channels.
+        Compare brightness and two opponent colours times 0.45 instead of red, green and blue (three channels).
 
     Raises
     ------
     TypeError, ValueError
-        No weight function, or a std that is not >= 0; at use, vertices that are on no grid, or opponent
-        colours of other than three channels.
+        Not a weight function, or a std that is not >= 0; at use, vertices that are not on a grid, or opponent colours
+        with a number of channels other than three.
 
     Notes
     -----
-    What is averaged stays sharp; what decides about it is less noisy. Half a pixel of blur does more for nonlocal means
-    than a second pass over its result. Of white noise of deviation sigma, sigma (sum k^2)^(d/2) is left by a blur with
-    kernel k along d axes: that, not sigma, is the noise that :func:`patch` should be told.
+    The averaged values stay sharp, and the weights are less noisy. A blur of half a pixel improves nonlocal means more
+    than a second pass over its result. After a blur with kernel k along d axes, white noise of deviation sigma has
+    deviation sigma (sum k^2)^(d/2): give this to :func:`patch` as `sigma`.
 
     Examples
     --------
@@ -220,12 +220,12 @@ def smoothed(weights: Weights, std: float, *, opponent: bool = False) -> Weights
 
 
 def blur_stds(std: float, spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:
-    """The blur along each axis, in cells: of as much length along all."""
+    """Return the standard deviation of the blur along each axis, in cells; in length it is the same for all axes."""
     return (std,) * ndim if spacing is None else tuple(std * min(spacing) / step for step in spacing)
 
 
 def blur_norm(std: float, spacing: Sequence[float] | None, ndim: int) -> float:
-    """The l2 norm of the blur's kernel: what it leaves of the deviation of white noise."""
+    """Return the l2 norm of the blur's kernel: the factor by which it reduces the deviation of white noise."""
     from scipy import ndimage
 
     norm = 1.0

@@ -1,4 +1,4 @@
-"""Weights by the likeness of the data: :func:`bilateral` (w1), :func:`patch` (w2), and how a device holds them."""
+"""Weights from the similarity of the data: :func:`bilateral` (w1), :func:`patch` (w2), and how they are stored."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .guide import Compared
 
 
 def _strengths(parameter: Parameter, graph: AnyGraph, name: str) -> tuple[float, FloatArray | None]:
-    """A bandwidth as one number, and what each vertex multiplies its inverse by: h(u) h(v) instead of h^2."""
+    """Return a bandwidth h as one number, and the factors h/h(u) of all vertices, (n,), or None if h is constant."""
     if not isinstance(parameter, PerVertex):
         return parameter, None
     return parameter.middle, parameter.middle / parameter.on(graph, name)
 
 
 def _maps(graph: AnyGraph, taken: FloatArray | None, strength: FloatArray | None) -> FloatArray | None:
-    """The maps of a :class:`PatchForm`."""
+    """Return the maps of a :class:`PatchForm`, (n, 2), or None."""
     if taken is None and strength is None:
         return None
     n = graph.n_vertices
@@ -35,7 +35,7 @@ def _maps(graph: AnyGraph, taken: FloatArray | None, strength: FloatArray | None
 
 
 def _inverse_square(sigma: float, dtype: npt.DTypeLike) -> float:
-    """1/sigma^2, at most the largest number of the type: infinity times a distance of 0 is no number."""
+    """Return 1/sigma^2, at most the largest number of the type, as infinity times a distance of 0 would be NaN."""
     with np.errstate(over="ignore", divide="ignore"):
         return float(min(np.float64(sigma) ** -2, np.finfo(np.dtype(dtype)).max))
 
@@ -48,11 +48,11 @@ class Bilateral(PatchWeights):
     sigma_value: Parameter
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """Itself, with the part of its map."""
+        """Return the weight function with the part of its map."""
         return replace(self, sigma_value=part_of_parameter(self.sigma_value, grid, box, "sigma_value"))
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
-        """The weights w1: patches of one vertex."""
+        """Return the parameters of the weights w1: patches of one vertex."""
         spatial = nearness(graph, self.sigma_space)
         sigma, strength = _strengths(self.sigma_value, graph, "sigma_value")
         return PatchForm(np.ones(1), 0.0, _inverse_square(sigma, dtype), spatial, _maps(graph, None, strength))
@@ -71,17 +71,17 @@ class Patch(PatchWeights):
 
     @property
     def reach(self) -> int:
-        """The patch's radius."""
+        """Radius of the patch."""
         return self.patch_radius
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """Itself, with the part of its maps."""
+        """Return the weight function with the part of its maps."""
         return replace(
             self, h=part_of_parameter(self.h, grid, box, "h"), sigma=part_of_parameter(self.sigma, grid, box, "sigma")
         )
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
-        """The weights w2."""
+        """Return the parameters of the weights w2."""
         steps = np.arange(-self.patch_radius, self.patch_radius + 1)
         a = self.patch_sigma
         profile = np.ones(len(steps)) if a is None else np.exp(-(steps**2) / (2 * a**2))
@@ -107,36 +107,35 @@ class Held(PatchWeights):
 
     @property
     def storage(self) -> Storage:
-        """In which form the device holds the weights."""
+        """How the weights are stored on the device."""
         return self.how
 
     @property
     def reach(self) -> int:
-        """That of the weight function."""
+        """Radius of the inner weight function."""
         return self.weights.reach
 
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
-        """That of the weight function."""
+        """Return the parameters of the inner weight function."""
         return self.weights.form(graph, channels, dtype)
 
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
-        """The weight function's part, held likewise."""
+        """Return the weight function with the part of the inner one."""
         weights = self.weights.part(grid, box)
         return replace(self, weights=weights) if isinstance(weights, PatchWeights) else None
 
 
 @door
 def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights:
-    """Bilateral weights w1: near in space and alike in value.
+    """Return bilateral weights w1, which are large for vertices near in space with similar values.
 
     Parameters
     ----------
     sigma_space : float
-        sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity leaves the spatial factor
-        out.
+        sigma_P > 0, in the units of the grid's spacing or the graph's positions; infinity omits the spatial factor.
     sigma_value : float or (n,) array
-        sigma_X > 0, in the data's units; infinity leaves the factor of the values out. With one value per vertex
-        sigma_X(u) sigma_X(v) stands instead of sigma_X^2.
+        sigma_X > 0, in the data's units; infinity omits the factor of the values. With one value per vertex
+        sigma_X(u) sigma_X(v) replaces sigma_X^2.
 
     Raises
     ------
@@ -146,7 +145,7 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
     Notes
     -----
     w1(u, v) = exp(-|u - v|^2 / sigma_P^2) exp(-|f0(u) - f0(v)|^2 / sigma_X^2), section 5.2 of the paper. There is no
-    factor 1/2: sigma_P and sigma_X are sqrt(2) times those of the usual bilateral filter (OpenCV's, scikit-image's).
+    factor 1/2: sigma_P and sigma_X are sqrt(2) times the values of OpenCV and scikit-image.
 
     Examples
     --------
@@ -171,29 +170,27 @@ def patch(
     cut: float = 0.0,
     sigma_space: float = math.inf,
 ) -> Weights:
-    """Nonlocal weights w2: alike in the values of a patch around each vertex.
+    """Return nonlocal weights w2, which are large for vertices with similar patches around them.
 
     Parameters
     ----------
     patch_radius : int
-        k' >= 0 of the patch of side 2 k' + 1 cells. Radius 0 compares the data of the vertices alone and serves any
-        graph; a larger one needs vertices on a grid. Over the border a patch is filled by reflection without the edge
-        cell.
+        k' >= 0 for patches with a side of 2 k' + 1 cells. Radius 0 compares only the data of the two vertices, on any
+        graph; a larger radius needs vertices on a grid. Patches that cross the border are filled by reflection without
+        the edge cell.
     h : float or (n,) array
-        Filtering parameter > 0: in the data's units times the square root of the sum of g. With one value per vertex
-        h(u) h(v) stands instead of h^2, so that the weights stay symmetric.
+        Filtering parameter > 0, in the data's units times the square root of the sum of g. With one value per vertex
+        h(u) h(v) replaces h^2, so that the weights are symmetric.
     sigma : float or (n,) array, default 0
-        Standard deviation of the noise: 2 sigma^2 is taken off the distance per sample and channel, what is negative
-        counts as 0. With one value per vertex it is sigma(u)^2 + sigma(v)^2.
+        Standard deviation of the noise: 2 sigma^2 is subtracted from the distance per sample and channel; negative
+        results become 0. With one value per vertex sigma(u)^2 + sigma(v)^2 replaces 2 sigma^2.
     patch_sigma : float, optional
-        Standard deviation a > 0 of the Gaussian g_a over the patch, which sums to 1, in cells. None gives the flat
-        patch: g = 1.
+        Standard deviation a > 0, in cells, of a Gaussian patch g_a that sums to 1. None means a flat patch: g = 1.
     cut : float, default 0
-        Weights below it count as 0: some filters drop what is unlike altogether (OpenCV's 0.001, scikit-image's
-        exp(-5)).
+        Weights below this value are set to 0, as in some filters (0.001 in OpenCV, exp(-5) in scikit-image).
     sigma_space : float, default infinity
-        sigma_P of a further factor exp(-|u - v|^2 / sigma_P^2), as in :func:`bilateral`: neighbours further away count
-        less, however alike. Infinity leaves it out.
+        sigma_P of another factor exp(-|u - v|^2 / sigma_P^2), as in :func:`bilateral`, which reduces the weights of
+        further neighbours. Infinity omits it.
 
     Raises
     ------
@@ -204,8 +201,7 @@ def patch(
     Notes
     -----
     w2(u, v) = exp(-rho(u, v) / h^2) with rho(u, v) = sum_j g(j) |f0(u + j) - f0(v + j)|^2, section 5.2 of the paper.
-    For a flat patch of s cells and C channels, the nonlocal means of scikit-image and OpenCV with parameter H is
-    h^2 = C s H^2.
+    For a flat patch of s cells and C channels, the parameter H of scikit-image and OpenCV gives h^2 = C s H^2.
     """
     return Patch(
         integer("patch_radius", patch_radius, low=0),
@@ -226,12 +222,12 @@ def _patch_weights_for(weights: Weights, what: str) -> PatchWeights:
 
 @door
 def half(weights: Weights) -> Weights:
-    """The same weights on a grid, stored in float16: half the memory, and half of what a sweep has to read.
+    """Return the same weights on a grid, stored in float16, with half the memory and half the memory traffic.
 
     Parameters
     ----------
     weights : Weights
-        Of :func:`bilateral` or :func:`patch`.
+        From :func:`bilateral` or :func:`patch`.
 
     Raises
     ------
@@ -242,9 +238,10 @@ def half(weights: Weights) -> Weights:
 
     Notes
     -----
-    A weight is off by at most 2^-11 of its size (2^-25 where it is below 2^-14). A sweep is a quotient of two sums of
-    w (g(u) + g(v)), whose g = |grad f|^(p - 2) moves by |p - 2|/2 times as much: its result moves by at most
-    (2 + |p - 2|) 2^-11 of the range of f over the neighbours and the data, 1.5e-3 of it for p = 1.
+    The relative error of a weight is at most 2^-11; below 2^-14 the absolute error is at most 2^-25. A sweep is a
+    quotient of two sums of w (g(u) + g(v)), and the relative error of g = |grad f|^(p - 2) is |p - 2|/2 times as large.
+    The error of the result is at most (2 + |p - 2|) 2^-11 of the range of f over the neighbours and the data: 1.5e-3 of
+    it for p = 1.
 
     Examples
     --------
@@ -259,12 +256,12 @@ def half(weights: Weights) -> Weights:
 
 @door
 def recomputed(weights: Weights) -> Weights:
-    """The same bilateral weights on a grid, computed anew at each use: nothing is stored per edge.
+    """Return the same bilateral weights on a grid, computed at each use instead of stored per edge.
 
     Parameters
     ----------
     weights : Weights
-        Of :func:`bilateral`, or of :func:`patch` with radius 0.
+        From :func:`bilateral`, or from :func:`patch` with radius 0.
 
     Raises
     ------
@@ -275,7 +272,7 @@ def recomputed(weights: Weights) -> Weights:
 
     Notes
     -----
-    The numbers are those of the stored weights; on numpy, the oracle, they are stored. On OpenCL a job then needs a few
-    functions on the vertices, whatever its window.
+    The values are equal to stored weights. On OpenCL a job then needs memory only for a few functions on the vertices,
+    for any window; on numpy, the reference backend, the weights are stored.
     """
     return Held(_patch_weights_for(weights, "recomputed"), "none")

@@ -1,4 +1,4 @@
-"""Weights by the shapes of triangles: :func:`cotangent`."""
+"""Weights from the shapes of triangles: :func:`cotangent`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph
 from .base import EdgeWeights
 
-# The cotangent of the smallest angle that counts, 0.06 degrees: a triangle without area would make it infinite.
+# Largest cotangent, for an angle of 0.06 degrees: for a triangle without area it would be infinite.
 _MOST = 1e3
 
 
@@ -25,17 +25,17 @@ class Cotangent(EdgeWeights):
     faces: IntArray
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-        """Weights (cot a + cot b)/2, a and b the angles that face the edge; 0 off the triangles' edges."""
+        """Compute the weights (cot a + cot b)/2, (k,), for the angles a and b opposite the edge; 0 for other pairs."""
         from scipy import sparse
 
         if not isinstance(graph, Graph) or graph.positions is None:
-            raise ValueError("cotangent weights need a graph that knows its positions: gpureg.mesh_graph")
+            raise ValueError("cotangent weights need a graph with positions, as gpureg.mesh_graph makes it")
         n = graph.n_vertices
         faces = checked_faces(self.faces, n)
         at = [graph.positions[faces[:, k]] for k in range(3)]
         cotangents, rows, columns = [], [], []
         for k in range(3):
-            # the angle at corner k faces the edge between the two others
+            # the angle at corner k is opposite the edge between the two others
             to, other = at[(k + 1) % 3] - at[k], at[(k + 2) % 3] - at[k]
             along = (to * other).sum(axis=1)
             # Lagrange's identity gives |to x other| in any dimension
@@ -47,32 +47,32 @@ class Cotangent(EdgeWeights):
         both = np.concatenate([i, j]), np.concatenate([j, i])
         table = sparse.csr_array((np.concatenate([half, half]), both), shape=(n, n))
         table.sum_duplicates()
-        # a symmetric sum is the same both ways only once it is taken in one order
+        # one order of summation for both directions, so that the weights are symmetric
         found: FloatArray = np.maximum(np.asarray(table[np.minimum(u, v), np.maximum(u, v)]), 0.0)
         return found
 
 
 @door
 def cotangent(faces: npt.ArrayLike) -> Cotangent:
-    """Weights (cot a + cot b)/2 on the edges of a mesh, a and b the angles facing the edge: Pinkall and Polthier's.
+    """Return weights (cot a + cot b)/2 on a mesh, for the angles a and b opposite an edge (Pinkall and Polthier).
 
-    With them the Laplacian is that of the surface, whatever the shapes of its triangles, so that vertices do not slide
-    along it. Where an edge's two angles sum to more than 180 degrees the sum is negative, and the weight, which may not
-    be, 0; angles under 0.06 degrees count as that.
+    They give the Laplacian of the surface for triangles of any shape, so that vertices do not slide along it. If the
+    two angles sum to more than 180 degrees, the sum is negative and the weight is set to 0. Angles below 0.06 degrees
+    are replaced by 0.06 degrees.
 
     Parameters
     ----------
     faces : (F, 3) int array
-        Triangles of the mesh whose :func:`gpureg.mesh_graph` the weights are for.
+        Triangles of the mesh; the weights are used on its :func:`gpureg.mesh_graph`.
 
     Raises
     ------
     TypeError, ValueError
-        Faces that are no triangles of integers; at use, a graph without positions, or without some of their vertices.
+        Faces that are not triangles of integers; at use, a graph without positions, or without some of their vertices.
 
     Examples
     --------
-    The diagonal of a square faces two right angles:
+    The diagonal of a square is opposite two right angles:
 
     >>> import gpureg as gr
     >>> vertices, faces = [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]

@@ -51,7 +51,10 @@ WRONG = [
     (lambda f: gr.denoise_image(f, p=1, lam="sure", norm="edge"), "give lam a number"),
     (lambda f: gr.denoise_image(f, lam="sure", guide=f), "give lam a number"),
     (lambda f: gr.denoise_image(f, p=1, lam="sure", coupled=False), "give lam a number"),
-    (lambda f: gr.run_plan(gr.plan_denoising(f, sigma=0.1), f, callback=print), "patches are averaged in one plain"),
+    (
+        lambda f: gr.run_plan(gr.plan_denoising(f, sigma=0.1), f, callback=print),
+        "average_patches needs one sweep at p = 2 on a grid",
+    ),
     (lambda f: gr.patch_graph(f, 0), "must be >= 1"),
     (lambda f: gr.patch_graph(f, 3, symmetrize="min"), "symmetrize must be"),
 ]

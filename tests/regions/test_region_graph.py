@@ -239,8 +239,8 @@ def test_sources_are_a_model_and_cells_outside_do_not_count():
         ([1.0, 2], [0.0, 1.0], {}, "labels must be integers"),
         ([1.0, 2, 3], [0, 1], {}, "f must have the shape of labels"),
         (["a", "b"], [0, 1], {}, "integers or real numbers"),
-        ([1.0, 2], [0, 1], {"model": "source"}, "sources go with model='source'"),
-        ([1.0, 2], [0, 1], {"sources": [0, 1]}, "sources go with model='source'"),
+        ([1.0, 2], [0, 1], {"model": "source"}, "sources and model='source' must be given together"),
+        ([1.0, 2], [0, 1], {"sources": [0, 1]}, "sources and model='source' must be given together"),
         ([1.0, 2], [0, 1], {"model": "source", "sources": [0]}, "sources must have the shape of labels"),
     ],
 )

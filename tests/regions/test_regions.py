@@ -259,7 +259,7 @@ def test_a_hierarchy_is_nested():
     for before, after in zip((fine, *levels), levels, strict=False):
         pairs = np.unique(np.stack([before.labels.ravel(), after.labels.ravel()]), axis=1)
         assert pairs.shape[1] == before.n_regions
-    with pytest.raises(ValueError, match=r"lam must fall, one after another, got \[1.0, 1.0\]"):
+    with pytest.raises(ValueError, match=r"lam must decrease from one value to the next, got \[1.0, 1.0\]"):
         fine.hierarchy(lam=[1, 1], merge_tol=1)
 
 
