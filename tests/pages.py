@@ -56,6 +56,15 @@ def same(said: str, printed: str, rtol: float) -> bool:
     )
 
 
+def differing(ran: list[Block], rtol: float) -> list[str]:
+    """Where a page prints something else than it says."""
+    return [
+        f"line {block.line}: said\n{block.said}printed\n{block.printed}"
+        for block in ran
+        if not same(block.said, block.printed, rtol)
+    ]
+
+
 def renew(page: Path) -> None:
     """Run a page beside itself, and write what its blocks print into it."""
     printed = iter([block.printed for block in run(page, page.parent)])

@@ -43,20 +43,20 @@ def counted(device: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, list]:
     return seen
 
 
-def test_a_graph_goes_up_once(device: str, counted: dict[str, list]) -> None:
+@pytest.mark.parametrize("stored", [False, True])
+def test_a_graph_goes_up_once(device: str, counted: dict[str, list], stored: bool) -> None:
     """On the same graph with weights of its own: the data, and what is made of them."""
     grid = gr.GridGraph((21, 23))
-    n = grid.n_vertices
-    for graph in (grid, grid.to_graph()):
-        settings = {"backend": device, "max_iter": 2}
-        gr.regularize(rng(3).random(n), graph, p=1.5, lam=0.5, **settings)
-        counted["builds"].clear()
-        counted["uploads"].clear()
-        gr.regularize(rng(5).random(n), graph, p=1.7, lam=0.25, **settings)
-        assert counted["builds"] == []
-        # data and start; on OpenCL's grids with their guards
-        assert len(counted["uploads"]) == 2
-        assert all(n <= size < 3 * n for size in counted["uploads"])
+    n, graph = grid.n_vertices, grid.to_graph() if stored else grid
+    settings = {"backend": device, "max_iter": 2}
+    gr.regularize(rng(3).random(n), graph, p=1.5, lam=0.5, **settings)
+    counted["builds"].clear()
+    counted["uploads"].clear()
+    gr.regularize(rng(5).random(n), graph, p=1.7, lam=0.25, **settings)
+    assert counted["builds"] == []
+    # data and start; on OpenCL's grids with their guards
+    assert len(counted["uploads"]) == 2
+    assert all(n <= size < 3 * n for size in counted["uploads"])
 
 
 def test_images_build_once_and_upload_little_but_data(device: str, counted: dict[str, list]) -> None:

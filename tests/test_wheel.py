@@ -82,19 +82,16 @@ def content(path: Path) -> dict[str, bytes]:
 
 def test_wheel_holds_the_kernels(wheel):
     held = content(wheel)
-    for path in sorted((ROOT / "kernels").rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            name = f"gpureg/_kernels/{path.relative_to(ROOT / 'kernels').as_posix()}"
-            assert name in held
-            assert held[name] == path.read_bytes()
-    for pattern in ("gpureg/_kernels/opencl/*.cl", "gpureg/_kernels/warp/*.py", "gpureg/_kernels/README.md"):
-        assert any(Path(name).match(pattern) for name in held), f"no {pattern}"
+    kernels = [path for path in (ROOT / "kernels").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    expected = {f"gpureg/_kernels/{path.relative_to(ROOT / 'kernels').as_posix()}": path for path in kernels}
+    assert [name for name in sorted(expected) if held.get(name) != expected[name].read_bytes()] == []
+    patterns = ("gpureg/_kernels/opencl/*.cl", "gpureg/_kernels/warp/*.py", "gpureg/_kernels/README.md")
+    assert [pattern for pattern in patterns if not any(Path(name).match(pattern) for name in held)] == []
 
 
 def test_wheel_holds_the_package_and_nothing_else(wheel):
     held = content(wheel)
-    for path in (ROOT / "gpureg").rglob("*.py"):
-        assert path.relative_to(ROOT).as_posix() in held
+    assert {path.relative_to(ROOT).as_posix() for path in (ROOT / "gpureg").rglob("*.py")} - set(held) == set()
     assert "gpureg/py.typed" in held
     top = {name.split("/")[0] for name in held}
     (info,) = (name for name in top if name.endswith(".dist-info"))
@@ -108,8 +105,8 @@ def test_wheel_holds_the_package_and_nothing_else(wheel):
 def test_sdist_holds_what_its_tests_need(sdist):
     with tarfile.open(sdist) as archive:
         held = {name.partition("/")[2] for name in archive.getnames()}
-    for name in ("pyproject.toml", "LICENSE", "README.md", "gpureg/__init__.py", "tests/test_wheel.py"):
-        assert name in held
+    needed = {"pyproject.toml", "LICENSE", "README.md", "gpureg/__init__.py", "tests/test_wheel.py"}
+    assert needed - held == set()
     assert any(name.startswith("kernels/opencl/") for name in held)
     assert not any(name.startswith("gpureg/_kernels") for name in held), "kernels are there once"
 

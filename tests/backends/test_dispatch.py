@@ -34,20 +34,20 @@ def present(monkeypatch: pytest.MonkeyPatch):
     return put
 
 
-def test_auto_takes_the_fastest_kind_present(present) -> None:
-    names = list(TIERS)
-    for i, name in enumerate(names):
-        present(*(fake(other) for other in reversed(names[i:])))
-        assert backends.auto().id == name
-        assert name in backends.why_auto()
-        assert [device.id for device in backends.devices()] == names[i:]
+@pytest.mark.parametrize("slower", range(len(TIERS)), ids=list(TIERS))
+def test_auto_takes_the_fastest_kind_present(present, slower: int) -> None:
+    names = list(TIERS)[slower:]
+    present(*(fake(other) for other in reversed(names)))
+    assert backends.auto().id == names[0]
+    assert names[0] in backends.why_auto()
+    assert [device.id for device in backends.devices()] == names
 
 
-def test_a_cuda_driver_that_warp_cannot_use_changes_nothing(present) -> None:
+@pytest.mark.parametrize("best", ["opencl:0", "opencl:1"])
+def test_a_cuda_driver_that_warp_cannot_use_changes_nothing(present, best: str) -> None:
     """A container may hold the driver's library without a GPU: Warp then has its CPU alone, which is no reason."""
-    for best in ("opencl:0", "opencl:1"):
-        present(fake("warp:cpu"), fake(best), fake("numpy"), driver=True)
-        assert backends.auto().id == best
+    present(fake("warp:cpu"), fake(best), fake("numpy"), driver=True)
+    assert backends.auto().id == best
 
 
 def test_auto_passes_over_devices_without_float64(present) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from cases import EPS, TOLERANCES, function, graph, irregular
@@ -35,58 +37,78 @@ class Dense:
         return (self.norm**p).sum() / p
 
 
-@pytest.mark.parametrize("coupled", [True, False])
-@pytest.mark.parametrize("gamma", GAMMAS)
-def test_operators_for_every_gamma(gamma: str, coupled: bool) -> None:
+@functools.cache
+def dense(gamma: str, coupled: bool) -> tuple[gr.Graph, np.ndarray, Dense, dict]:
+    """A graph, a function, what the equations make of them, and settings."""
     made = irregular(23, 80, isolated=7)
-    f, f0 = function(made, 3), function(made, 3, seed=13)
-    dense = Dense(made, gamma, f, EPS, coupled)
+    f = function(made, 3)
     settings = {"gamma": gamma, "eps": EPS, "coupled": coupled, "backend": "numpy", "dtype": np.float64}
+    return made, f, Dense(made, gamma, f, EPS, coupled), settings
+
+
+either_coupling = pytest.mark.parametrize("coupled", [True, False])
+every_gamma = pytest.mark.parametrize("gamma", GAMMAS)
+
+
+@either_coupling
+@every_gamma
+def test_gradient_norm_for_every_gamma(gamma: str, coupled: bool) -> None:
+    made, f, known, settings = dense(gamma, coupled)
     norm = gr.operators.gradient_norm(f, made, **settings)
-    assert np.abs(norm - (dense.norm[:, 0] if coupled else dense.norm)).max() < 1e-14
-    for p in (0.5, 1, 1.5, 2, 3):
-        expected = dense.p_laplacian(p)
-        assert (
-            np.abs(gr.operators.p_laplacian(f, made, p, **settings) - expected).max() < 1e-13 * np.abs(expected).max()
-        )
-        energy = dense.dirichlet_energy(p)
-        assert gr.operators.dirichlet_energy(f, made, p, **settings) == pytest.approx(energy, rel=1e-13)
-        whole = energy + 0.35 * ((f - f0) ** 2).sum()
-        assert gr.operators.energy(f, f0, made, p, 0.7, **settings) == pytest.approx(whole, rel=1e-13)
+    assert np.abs(norm - (known.norm[:, 0] if coupled else known.norm)).max() < 1e-14
 
 
-def test_special_cases() -> None:
+@either_coupling
+@every_gamma
+@pytest.mark.parametrize("p", [0.5, 1, 1.5, 2, 3])
+def test_operators_for_every_gamma(gamma: str, coupled: bool, p: float) -> None:
+    made, f, known, settings = dense(gamma, coupled)
+    f0, expected = function(made, 3, seed=13), known.p_laplacian(p)
+    assert np.abs(gr.operators.p_laplacian(f, made, p, **settings) - expected).max() < 1e-13 * np.abs(expected).max()
+    energy = known.dirichlet_energy(p)
+    assert gr.operators.dirichlet_energy(f, made, p, **settings) == pytest.approx(energy, rel=1e-13)
+    whole = energy + 0.35 * ((f - f0) ** 2).sum()
+    assert gr.operators.energy(f, f0, made, p, 0.7, **settings) == pytest.approx(whole, rel=1e-13)
+
+
+@pytest.mark.parametrize("gamma", ["sqrt", "combinatorial", "normalized"])
+def test_laplacians_of_the_literature(gamma: str) -> None:
     made = irregular(23, 80, isolated=7)
     f = function(made)
-    settings = {"backend": "numpy", "dtype": np.float64}
     W = made.to_scipy().toarray().astype(np.float64)
     degree = W.sum(axis=1)
     L = np.diag(degree) - W
     scale = np.where(degree > 0, 1 / np.sqrt(np.where(degree > 0, degree, 1)), 0)
-    Ln = scale[:, None] * L * scale  # 0 at the isolated vertex
-    for gamma, matrix in (("sqrt", 2 * L), ("combinatorial", L), ("normalized", Ln)):
-        assert np.abs(gr.operators.laplacian(f, made, gamma=gamma, **settings) - matrix @ f).max() < 1e-13
-    curvature = gr.operators.curvature(f, made, eps=0.1, **settings)
-    assert np.array_equal(curvature, gr.operators.p_laplacian(f, made, 1, eps=0.1, **settings))
+    # the normalized one is 0 at the isolated vertex
+    matrix = {"sqrt": 2 * L, "combinatorial": L, "normalized": scale[:, None] * L * scale}[gamma]
+    found = gr.operators.laplacian(f, made, gamma=gamma, backend="numpy", dtype=np.float64)
+    assert np.abs(found - matrix @ f).max() < 1e-13
 
 
-def test_every_device(device: str) -> None:
+def test_curvature_is_the_laplacian_of_1() -> None:
+    made = irregular(23, 80, isolated=7)
+    f, settings = function(made), {"eps": 0.1, "backend": "numpy", "dtype": np.float64}
+    curvature = gr.operators.curvature(f, made, **settings)
+    assert np.array_equal(curvature, gr.operators.p_laplacian(f, made, 1, **settings))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_every_device(device: str, dtype: str) -> None:
     grid = graph("grid")
     f = function(grid, 3)
-    for dtype in ("float32", "float64"):
-        settings = {"eps": EPS, "weights": gr.weights.bilateral(2.0, 0.5), "gamma": "degree", "dtype": dtype}
-        try:
-            found = gr.operators.p_laplacian(f, grid, 0.7, backend=device, **settings)
-        except gr.BackendUnavailable:
-            continue  # a device without float64
-        oracle = gr.operators.p_laplacian(f, grid, 0.7, backend="numpy", **{**settings, "dtype": "float64"})
-        assert found.dtype == dtype
-        assert np.abs(found - oracle).max() <= TOLERANCES[dtype] * np.abs(oracle).max()
+    settings = {"eps": EPS, "weights": gr.weights.bilateral(2.0, 0.5), "gamma": "degree", "dtype": dtype}
+    try:
+        found = gr.operators.p_laplacian(f, grid, 0.7, backend=device, **settings)
+    except gr.BackendUnavailable:
+        return  # a device without float64
+    oracle = gr.operators.p_laplacian(f, grid, 0.7, backend="numpy", **{**settings, "dtype": "float64"})
+    assert found.dtype == dtype
+    assert np.abs(found - oracle).max() <= TOLERANCES[dtype] * np.abs(oracle).max()
 
 
-def test_shapes() -> None:
-    grid = gr.GridGraph((4, 5))
-    for shape, coupled, expected in (
+@pytest.mark.parametrize(
+    ("shape", "coupled", "expected"),
+    [
         ((4, 5), True, (4, 5)),
         ((4, 5), False, (4, 5)),
         ((4, 5, 3), True, (4, 5)),
@@ -94,10 +116,12 @@ def test_shapes() -> None:
         ((4, 5, 1), True, (4, 5)),
         ((20,), True, (20,)),
         ((20, 3), True, (20,)),
-    ):
-        f = np.zeros(shape)
-        assert gr.operators.gradient_norm(f, grid, coupled=coupled, backend="numpy").shape == expected
-        assert gr.operators.laplacian(f, grid, backend="numpy").shape == shape
+    ],
+)
+def test_shapes(shape: tuple[int, ...], coupled: bool, expected: tuple[int, ...]) -> None:
+    grid, f = gr.GridGraph((4, 5)), np.zeros(shape)
+    assert gr.operators.gradient_norm(f, grid, coupled=coupled, backend="numpy").shape == expected
+    assert gr.operators.laplacian(f, grid, backend="numpy").shape == shape
 
 
 @pytest.mark.parametrize(
@@ -124,17 +148,18 @@ def test_an_error_names_the_operator_that_was_called(call, says: str) -> None:
         call(np.arange(20.0), gr.GridGraph((4, 5)))
 
 
-def test_wrong_arguments() -> None:
-    grid = gr.GridGraph((4, 5))
-    f = np.arange(20.0)
-    for call, says in (
-        (lambda: gr.operators.p_laplacian(f, grid, 1, backend="numpy"), "eps = 0 is too small for p = 1"),
-        (lambda: gr.operators.p_laplacian(f, grid, 0, backend="numpy"), "p must be finite and > 0"),
-        (lambda: gr.operators.laplacian(f[:5], grid, backend="numpy"), "f0 must have shape"),
-        (lambda: gr.operators.energy(f, np.zeros((20, 2)), grid, 2, 1, backend="numpy"), "same shape"),
-        (lambda: gr.operators.energy(f, f, grid, 2, -1, backend="numpy"), "lam must be >= 0"),
-        (lambda: gr.operators.laplacian(f, grid, dtype=int), "dtype must be float32 or float64, got int64"),
-        (lambda: gr.operators.laplacian(f, grid, dtype="word"), "dtype must be float32 or float64, got 'word'"),
-    ):
-        with pytest.raises(ValueError, match=says):
-            call()
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda f, g: gr.operators.p_laplacian(f, g, 1, backend="numpy"), "eps = 0 is too small for p = 1"),
+        (lambda f, g: gr.operators.p_laplacian(f, g, 0, backend="numpy"), "p must be finite and > 0"),
+        (lambda f, g: gr.operators.laplacian(f[:5], g, backend="numpy"), "f0 must have shape"),
+        (lambda f, g: gr.operators.energy(f, np.zeros((20, 2)), g, 2, 1, backend="numpy"), "same shape"),
+        (lambda f, g: gr.operators.energy(f, f, g, 2, -1, backend="numpy"), "lam must be >= 0"),
+        (lambda f, g: gr.operators.laplacian(f, g, dtype=int), "dtype must be float32 or float64, got int64"),
+        (lambda f, g: gr.operators.laplacian(f, g, dtype="word"), "dtype must be float32 or float64, got 'word'"),
+    ],
+)
+def test_wrong_arguments(call, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        call(np.arange(20.0), gr.GridGraph((4, 5)))

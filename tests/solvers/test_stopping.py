@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import cases
@@ -110,36 +111,47 @@ def test_gradient_is_that_of_the_energy(solver: type, gamma: str, norm: str) -> 
     assert norms[-1] <= 1e-3 * norms[0] < norms[-2]
 
 
-@pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 3.0])
-@pytest.mark.parametrize("norm", ["vertex", "edge"])
-def test_gap_of_the_gradient_bounds_energy_and_error(p: float, norm: str) -> None:
+@functools.cache
+def pinned(p: float, norm: str) -> tuple[np.ndarray, gr.Graph, dict, gr.Result]:
+    """Data, graph and model with a fidelity per vertex, and the minimiser."""
     graph = cases.irregular(60, 240, isolated=17)
     f0 = cases.function(graph)
     lam = 0.5 + cases.rng(9).random(graph.n_vertices)
     lam[::9] = np.inf
     model = {"p": p, "lam": lam, "eps": 0.05, "norm": norm, "gamma": "normalized", **ORACLE}
-    exact = gr.regularize(
-        f0, graph, solver=gr.Jacobi(accelerate=True, stop="gradient", tol=1e-12), max_iter=5000, **model
-    )
+    solver = gr.Jacobi(accelerate=True, stop="gradient", tol=1e-12)
+    return f0, graph, model, gr.regularize(f0, graph, solver=solver, max_iter=5000, **model)
+
+
+@pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("norm", ["vertex", "edge"])
+@pytest.mark.parametrize("sweeps", [1, 3, 6])
+def test_gap_of_the_gradient_bounds_energy_and_error(p: float, norm: str, sweeps: int) -> None:
+    f0, graph, model, exact = pinned(p, norm)
     assert exact.stop is gr.Stop.GRADIENT
-    for sweeps in (1, 3, 6):
-        result = gr.regularize(f0, graph, solver=gr.Jacobi(stop="gradient"), max_iter=sweeps, **model)
-        above = result.energy[-1] - exact.energy[-1]
-        assert 0 < above <= result.gap
-        assert np.linalg.norm(result.value - exact.value) <= result.error_bound
-        # not by far: the energy's own curvature is lam and what the graph adds, here up to some hundred times as much
-        assert result.gap < 300 * above
+    result = gr.regularize(f0, graph, solver=gr.Jacobi(stop="gradient"), max_iter=sweeps, **model)
+    above = result.energy[-1] - exact.energy[-1]
+    assert 0 < above <= result.gap
+    assert np.linalg.norm(result.value - exact.value) <= result.error_bound
+    # not by far: the energy's own curvature is lam and what the graph adds, here up to some hundred times as much
+    assert result.gap < 300 * above
 
 
-def test_no_gap_where_nothing_bounds_the_error() -> None:
-    f0, grid = noisy(), g0((24, 31))
-    lam = np.ones(grid.shape)
-    lam[3, 4] = 0
-    for model in ({"p": 0.8}, {"p": 1, "lam": lam}):
-        result = gr.regularize(f0, grid, solver=gr.Jacobi(stop="gradient", tol=0.1), max_iter=1000, **model, **ORACLE)
-        assert result.stop is gr.Stop.GRADIENT
-        assert result.gap is None
-    assert gr.regularize(f0, grid, p=1, max_iter=5, **ORACLE).gap is None  # "change" looks at no gradient
+@pytest.mark.parametrize(
+    "model",
+    [{"p": 0.8}, {"p": 1, "lam": np.where(np.arange(24 * 31) == 97, 0.0, 1.0).reshape(24, 31)}],
+    ids=["p below 1", "lam of 0 at a vertex"],
+)
+def test_no_gap_where_nothing_bounds_the_error(model: dict) -> None:
+    solver = gr.Jacobi(stop="gradient", tol=0.1)
+    result = gr.regularize(noisy(), g0((24, 31)), solver=solver, max_iter=1000, **model, **ORACLE)
+    assert result.stop is gr.Stop.GRADIENT
+    assert result.gap is None
+
+
+def test_no_gap_of_the_change() -> None:
+    """It looks at no gradient."""
+    assert gr.regularize(noisy(), g0((24, 31)), p=1, max_iter=5, **ORACLE).gap is None
 
 
 @pytest.mark.parametrize("solver", [gr.Jacobi, gr.Euler])
@@ -187,27 +199,43 @@ def test_only_the_change_is_tested_in_tiles(stop: str) -> None:
     assert "tiles" in gr.regularize(noisy(), g0((24, 31)), **given).method
 
 
-@pytest.mark.parametrize("accelerate", [False, True])
-def test_below_1_the_minimum_is_local_and_depends_on_the_start(accelerate: bool) -> None:
-    """Two vertices, p = 1/2: the step of the data stays, or it is gone, and neither end is a saddle."""
-    graph, f0 = gr.Graph.from_edges([[0, 1]]), np.array([0.0, 1.0])
-    model = {"p": 0.5, "lam": 12.0, "eps": 1e-3}
+STEP, STEP_MODEL = np.array([0.0, 1.0]), {"p": 0.5, "lam": 12.0, "eps": 1e-3}
+STARTS = {"data": STEP, "mean": np.array([0.5, 0.5])}
+accelerated_or_not = pytest.mark.parametrize("accelerate", [False, True])
+
+
+@functools.cache
+def step_from(start: str, accelerate: bool) -> gr.Result:
+    """Two vertices, p = 1/2."""
     solver = gr.Jacobi(accelerate=accelerate, stop="gradient", tol=1e-8)
-    from_data, from_mean = (
-        gr.regularize(f0, graph, solver=solver, max_iter=20_000, initial=start, **model, **ORACLE)
-        for start in (f0, np.array([0.5, 0.5]))
-    )
+    given = {"solver": solver, "max_iter": 20_000, "initial": STARTS[start], **STEP_MODEL, **ORACLE}
+    return gr.regularize(STEP, gr.Graph.from_edges([[0, 1]]), **given)
+
+
+@accelerated_or_not
+def test_below_1_the_minimum_depends_on_the_start(accelerate: bool) -> None:
+    """The step of the data stays, or it is gone."""
+    from_data, from_mean = step_from("data", accelerate), step_from("mean", accelerate)
     assert np.ptp(from_data.value) > 0.5
     assert np.ptp(from_mean.value) < 1e-3
+    assert abs(from_data.energy[-1] - from_mean.energy[-1]) > 0.1
+
+
+@accelerated_or_not
+@pytest.mark.parametrize("start", STARTS)
+def test_below_1_the_minimum_is_local(start: str, accelerate: bool) -> None:
+    """Neither end is a saddle."""
+    result, graph = step_from(start, accelerate), gr.Graph.from_edges([[0, 1]])
+    assert result.stop is gr.Stop.GRADIENT
+    assert "a local minimum that depends on the start (p < 1)" in result.method
 
     def energy(f: np.ndarray) -> float:
-        return ops.energy(f, f0, graph, **model, **ORACLE)
+        return ops.energy(f, STEP, graph, **STEP_MODEL, **ORACLE)
 
-    for result in (from_data, from_mean):
-        assert result.stop is gr.Stop.GRADIENT
-        assert "a local minimum that depends on the start (p < 1)" in result.method
-        lowest = energy(result.value)
-        for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False):
-            assert energy(result.value + 1e-4 * np.array([np.cos(angle), np.sin(angle)])) > lowest
-    assert abs(from_data.energy[-1] - from_mean.energy[-1]) > 0.1
-    assert "local" not in gr.regularize(f0, graph, p=1, max_iter=1, **ORACLE).method
+    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    around = [energy(result.value + 1e-4 * np.array([np.cos(angle), np.sin(angle)])) for angle in angles]
+    assert min(around) > energy(result.value)
+
+
+def test_at_1_no_minimum_is_called_local() -> None:
+    assert "local" not in gr.regularize(STEP, gr.Graph.from_edges([[0, 1]]), p=1, max_iter=1, **ORACLE).method

@@ -56,18 +56,21 @@ def test_markov_matrix(kind: str) -> None:
     assert a.real.min() >= -1 - 1e-12
 
 
-def test_minus_one_is_an_eigenvalue_of_bipartite_graphs() -> None:
+@pytest.mark.parametrize(
+    ("make", "bipartite"),
+    [
+        pytest.param(lambda: gr.GridGraph((4, 5), 1, "cityblock"), True, id="cityblock"),
+        pytest.param(lambda: gr.GridGraph(9), True, id="path"),
+        pytest.param(lambda: gr.GridGraph((4, 5)), False, id="chebyshev"),
+        pytest.param(lambda: ngon(6)[1], True, id="hexagon"),
+        pytest.param(lambda: ngon(7)[1], False, id="heptagon"),
+    ],
+)
+def test_minus_one_is_an_eigenvalue_of_bipartite_graphs(make, bipartite: bool) -> None:
     """E16: the paper's "a_i >= 0" is false; -1 is there on G_0, and only on bipartite graphs."""
-    for graph, bipartite in (
-        (gr.GridGraph((4, 5), 1, "cityblock"), True),
-        (gr.GridGraph(9), True),
-        (gr.GridGraph((4, 5)), False),
-        (ngon(6)[1], True),
-        (ngon(7)[1], False),
-    ):
-        lowest = np.linalg.eigvals(gr.operators.markov_matrix(graph).toarray()).real.min()
-        assert lowest < 0
-        assert (lowest < -1 + 1e-12) == bipartite
+    lowest = np.linalg.eigvals(gr.operators.markov_matrix(make()).toarray()).real.min()
+    assert lowest < 0
+    assert (lowest < -1 + 1e-12) == bipartite
 
 
 @every_graph
@@ -200,30 +203,40 @@ def test_the_markov_matrix_is_an_operator() -> None:
     assert "markov_matrix" in gr.operators.__all__
 
 
-def test_wrong_arguments() -> None:
-    graph, f = cases.irregular(17, 60, isolated=5), np.zeros(17)
-    for call, error, says in (
-        (lambda: gr.operators.markov_matrix(graph, p=1), ValueError, "depends on f for p = 1: give f"),
-        (lambda: gr.operators.markov_matrix(graph, weights=gr.weights.patch(0, 1)), ValueError, "give f"),
-        (lambda: gr.operators.markov_matrix("graph"), TypeError, "graph must be"),
-        (lambda: spectral.diffuse(f, graph, -1), ValueError, "t must be >= 0, got -1"),
-        (lambda: spectral.diffuse(f, graph, 1.5), TypeError, "t must be an integer, got 1.5"),
-        (lambda: spectral.eigenpairs(graph, 0), ValueError, "k must lie in 1..17, got 0"),
-        (lambda: spectral.eigenpairs(graph, 18), ValueError, "got 18"),
-        (lambda: spectral.eigenpairs(graph, 2.0), TypeError, "eigenpairs: k must be an integer"),
-        (lambda: spectral.eigenpairs([[0, 1]], 2), TypeError, "eigenpairs: graph must be"),
-        (lambda: spectral.averaging_filter(graph, f, p="2"), TypeError, "averaging_filter: p must be a number"),
-        (lambda: spectral.diffuse(f, graph, True), TypeError, "diffuse: t must be an integer, got True"),
-        (lambda: spectral.spectral_filter(f, graph, 1.5), TypeError, "spectral_filter: k must be an integer, got 1.5"),
+@pytest.mark.parametrize(
+    ("call", "error", "says"),
+    [
+        (lambda graph, f: gr.operators.markov_matrix(graph, p=1), ValueError, "depends on f for p = 1: give f"),
+        (lambda graph, f: gr.operators.markov_matrix(graph, weights=gr.weights.patch(0, 1)), ValueError, "give f"),
+        (lambda graph, f: gr.operators.markov_matrix("graph"), TypeError, "graph must be"),
+        (lambda graph, f: spectral.diffuse(f, graph, -1), ValueError, "t must be >= 0, got -1"),
+        (lambda graph, f: spectral.diffuse(f, graph, 1.5), TypeError, "t must be an integer, got 1.5"),
+        (lambda graph, f: spectral.eigenpairs(graph, 0), ValueError, "k must lie in 1..17, got 0"),
+        (lambda graph, f: spectral.eigenpairs(graph, 18), ValueError, "got 18"),
+        (lambda graph, f: spectral.eigenpairs(graph, 2.0), TypeError, "eigenpairs: k must be an integer"),
+        (lambda graph, f: spectral.eigenpairs([[0, 1]], 2), TypeError, "eigenpairs: graph must be"),
         (
-            lambda: spectral.spectral_filter(f, graph, 3, pairs=spectral.eigenpairs(graph, 2)),
+            lambda graph, f: spectral.averaging_filter(graph, f, p="2"),
+            TypeError,
+            "averaging_filter: p must be a number",
+        ),
+        (lambda graph, f: spectral.diffuse(f, graph, True), TypeError, "diffuse: t must be an integer, got True"),
+        (
+            lambda graph, f: spectral.spectral_filter(f, graph, 1.5),
+            TypeError,
+            "spectral_filter: k must be an integer, got 1.5",
+        ),
+        (
+            lambda graph, f: spectral.spectral_filter(f, graph, 3, pairs=spectral.eigenpairs(graph, 2)),
             ValueError,
             "at least k = 3",
         ),
-        (lambda: spectral.spectral_filter(np.zeros(16), graph, 3), ValueError, "f0 must have shape"),
-    ):
-        with pytest.raises(error, match=says):
-            call()
+        (lambda graph, f: spectral.spectral_filter(np.zeros(16), graph, 3), ValueError, "f0 must have shape"),
+    ],
+)
+def test_wrong_arguments(call, error: type, says: str) -> None:
+    with pytest.raises(error, match=says):
+        call(cases.irregular(17, 60, isolated=5), np.zeros(17))
 
 
 def test_matrix_powers_of_scipy() -> None:

@@ -214,18 +214,18 @@ def literal_j_invariance(
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0), (3.0, 1.0)])
-def test_j_invariance_is_the_literal_one(spacing: tuple[float, float]) -> None:
+@pytest.mark.parametrize("torn", [False, True])
+def test_j_invariance_is_the_literal_one(spacing: tuple[float, float], torn: bool) -> None:
     _, noisy = scene((9, 11))
-    mask = np.ones(noisy.shape, bool)
-    mask[2:5, 3:6] = False
+    inside = np.ones(noisy.shape, bool)
+    inside[2:5, 3:6] = not torn
 
     def denoise(y: np.ndarray) -> np.ndarray:
         return ndimage.gaussian_filter(y, 0.8)
 
-    for inside in (np.ones_like(mask), mask):
-        expected = literal_j_invariance(denoise, noisy, 3, spacing, inside)
-        found = tuning.j_invariance(denoise, noisy, stride=3, every=True, spacing=spacing, mask=inside)
-        assert found == pytest.approx(expected, rel=1e-12)
+    expected = literal_j_invariance(denoise, noisy, 3, spacing, inside)
+    found = tuning.j_invariance(denoise, noisy, stride=3, every=True, spacing=spacing, mask=inside)
+    assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_j_invariance_leaves_out_what_is_masked() -> None:
@@ -244,24 +244,17 @@ def test_j_invariance_leaves_out_what_is_masked() -> None:
 
 
 @pytest.mark.parametrize("shape", [(32, 40), (12, 14, 16)])
-def test_losses_are_those_of_scikit_image(shape: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("approximate", [True, False])
+def test_losses_are_those_of_scikit_image(shape: tuple[int, ...], approximate: bool) -> None:
     restoration = pytest.importorskip("skimage.restoration", reason="scikit-image is not installed")
     _, noisy = scene(shape)
-    widths = [0.5, 1.0, 2.0]
-    for approximate in (True, False):
-        _, (tried, losses) = restoration.calibrate_denoiser(
-            noisy, ndimage.gaussian_filter, {"sigma": widths}, approximate_loss=approximate, extra_output=True
-        )
-        found = tuning.calibrate(
-            ndimage.gaussian_filter,
-            noisy,
-            {"sigma": widths},
-            method="j-invariance",
-            every=not approximate,
-            refine=False,
-        )
-        assert [trial.parameters for trial in found.table] == list(tried)
-        assert [trial.loss for trial in found.table] == pytest.approx(losses, rel=1e-12)
+    widths, denoise = {"sigma": [0.5, 1.0, 2.0]}, ndimage.gaussian_filter
+    _, (tried, losses) = restoration.calibrate_denoiser(
+        noisy, denoise, widths, approximate_loss=approximate, extra_output=True
+    )
+    found = tuning.calibrate(denoise, noisy, widths, method="j-invariance", every=not approximate, refine=False)
+    assert [trial.parameters for trial in found.table] == list(tried)
+    assert [trial.loss for trial in found.table] == pytest.approx(losses, rel=1e-12)
 
 
 def test_calibration_tries_all_and_once_more() -> None:
@@ -340,16 +333,18 @@ IPOL_GREY += [(45, 7, 35, 0.35), (46, 9, 35, 0.35), (75, 9, 35, 0.35), (76, 11, 
 IPOL_COLOUR = [(25, 3, 21, 0.55), (26, 5, 35, 0.4), (55, 5, 35, 0.4), (56, 7, 35, 0.35), (100, 7, 35, 0.35)]
 
 
-@pytest.mark.parametrize("color", [False, True])
-def test_the_table_of_ipol(color: bool) -> None:
-    for sigma, patch, window, factor in IPOL_COLOUR if color else IPOL_GREY:
-        found = tuning.nl_means_parameters(sigma, color=color)
-        assert (2 * found.patch_radius + 1, 2 * found.radius + 1, found.sigma) == (patch, window, sigma)
-        # theirs divides the distance by the samples
-        assert found.h == pytest.approx(factor * sigma * math.sqrt((3 if color else 1) * patch**2), rel=1e-12)
-        unit = tuning.nl_means_parameters(sigma / 255, color=color, data_range=1)
-        assert unit.h == pytest.approx(found.h / 255, rel=1e-12)
-        assert unit.radius == found.radius
+@pytest.mark.parametrize(
+    ("color", "row"), [*((False, row) for row in IPOL_GREY), *((True, row) for row in IPOL_COLOUR)]
+)
+def test_the_table_of_ipol(color: bool, row: tuple[float, int, int, float]) -> None:
+    sigma, patch, window, factor = row
+    found = tuning.nl_means_parameters(sigma, color=color)
+    assert (2 * found.patch_radius + 1, 2 * found.radius + 1, found.sigma) == (patch, window, sigma)
+    # theirs divides the distance by the samples
+    assert found.h == pytest.approx(factor * sigma * math.sqrt((3 if color else 1) * patch**2), rel=1e-12)
+    unit = tuning.nl_means_parameters(sigma / 255, color=color, data_range=1)
+    assert unit.h == pytest.approx(found.h / 255, rel=1e-12)
+    assert unit.radius == found.radius
 
 
 def test_the_table_denoises_as_ipol_weighs() -> None:

@@ -36,16 +36,17 @@ def test_it_is_a_guide(device, shape, spacing, stds, settings):
     assert np.abs(plain.value - itself.value).max() > 1e-3
 
 
-def test_tiles_have_the_bits_of_the_whole(device):
+@pytest.mark.parametrize(
+    "options", [{"p": 2, "max_iter": 1}, {"p": 1, "lam": 5.0, "max_iter": 2, "solver": gr.Jacobi(damping=1)}]
+)
+def test_tiles_have_the_bits_of_the_whole(device, options):
     image = picture(90, 41)
     weights = gr.weights.smoothed(gr.weights.patch(2, 0.5), 0.8)
-    for options in ({"p": 2, "max_iter": 1}, {"p": 1, "lam": 5.0, "max_iter": 2, "solver": gr.Jacobi(damping=1)}):
-        call = {"weights": weights, "radius": 3, "sigma": 0.1, "lam": 2.0, "backend": device} | options
-        whole = gr.denoise_image(image, **call)
-        stored = options["p"] != 2
-        part = gr.GridGraph((64, 41), 3)
-        allowed = gr.memory_needed(part, p=options["p"], weights=weights, stored=stored, backend=device)
-        assert_array_equal(gr.denoise_image(image, memory=allowed, **call), whole)
+    call = {"weights": weights, "radius": 3, "sigma": 0.1, "lam": 2.0, "backend": device} | options
+    whole = gr.denoise_image(image, **call)
+    part, stored = gr.GridGraph((64, 41), 3), options["p"] != 2
+    allowed = gr.memory_needed(part, p=options["p"], weights=weights, stored=stored, backend=device)
+    assert_array_equal(gr.denoise_image(image, memory=allowed, **call), whole)
 
 
 def test_a_stored_graph_of_pixels_knows_its_grid(device):
@@ -87,12 +88,15 @@ def test_the_innermost_is_given_what_the_outer_ones_make():
     assert_array_equal(compared.of(grid, f0), guide.reshape(-1, 1))
 
 
-def test_what_the_blur_leaves_of_noise():
+@pytest.mark.parametrize(("std", "spacing"), [(0.5, None), (0.9, (1.0, 3.0))])
+def test_what_the_blur_leaves_of_noise(std, spacing):
     """White noise through the same blur: the norm within the scatter of 160,000 correlated pixels, 1 percent."""
     noise = rng(7).standard_normal((400, 400))
-    for std, spacing in ((0.5, None), (0.9, (1.0, 3.0))):
-        left = ndimage.gaussian_filter(noise, std if spacing is None else (std, std / 3), mode="mirror").std()
-        assert blur_norm(std, spacing, 2) == pytest.approx(left, rel=0.01)
+    left = ndimage.gaussian_filter(noise, std if spacing is None else (std, std / 3), mode="mirror").std()
+    assert blur_norm(std, spacing, 2) == pytest.approx(left, rel=0.01)
+
+
+def test_no_blur_leaves_all_of_noise():
     assert blur_norm(0, None, 3) == 1
 
 

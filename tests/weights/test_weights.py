@@ -27,29 +27,40 @@ def ends(made: gr.Graph | gr.GridGraph) -> tuple[np.ndarray, np.ndarray, np.ndar
     return stored.edge_rows(), stored.indices, stored.positions
 
 
+FORMULAS = {
+    # of features x, and of squared distances between ends of edges: in space, of values, of features
+    "constant": lambda x, space, value, far: (gr.weights.constant(), np.ones(len(space))),
+    "bilateral": lambda x, space, value, far: (
+        gr.weights.bilateral(1.5, 0.3),
+        np.exp(-space / 1.5**2) * np.exp(-value / 0.3**2),
+    ),
+    "bilateral, values": lambda x, space, value, far: (gr.weights.bilateral(np.inf, 0.3), np.exp(-value / 0.3**2)),
+    "bilateral, space": lambda x, space, value, far: (gr.weights.bilateral(1.5, np.inf), np.exp(-space / 1.5**2)),
+    "patch": lambda x, space, value, far: (gr.weights.patch(0, 0.4), np.exp(-value / 0.4**2)),
+    # 2 sigma^2 comes off per sample and channel, and nothing goes below 0
+    "patch of noise": lambda x, space, value, far: (
+        gr.weights.patch(0, 0.4, sigma=0.1),
+        np.exp(-np.maximum(value - 2 * 0.1**2 * 2, 0) / 0.4**2),
+    ),
+    "1/d^2": lambda x, space, value, far: (gr.weights.inverse_distance(), 1 / space),
+    "1/d": lambda x, space, value, far: (gr.weights.inverse_distance(1), space**-0.5),
+    "gaussian": lambda x, space, value, far: (gr.weights.gaussian(x, 0.5), np.exp(-far / 0.25)),
+    "guided": lambda x, space, value, far: (
+        gr.weights.guided(gr.weights.patch(0, 0.4), x),
+        np.exp(-far / 0.4**2),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FORMULAS)
 @pytest.mark.parametrize("name", ["small grid", "small disk", "small masked", "small csr", "small row"])
-def test_formulas(name: str) -> None:
+def test_formulas(name: str, kind: str) -> None:
     made, f0 = graph(name), function(graph(name), 2)
     u, v, places = ends(made)
-    space, value = ((places[u] - places[v]) ** 2).sum(axis=1), ((f0[u] - f0[v]) ** 2).sum(axis=1)
     features = rng(9).random((made.n_vertices, 4))
-    for weights, expected in (
-        (gr.weights.constant(), np.ones(len(u))),
-        (gr.weights.bilateral(1.5, 0.3), np.exp(-space / 1.5**2) * np.exp(-value / 0.3**2)),
-        (gr.weights.bilateral(np.inf, 0.3), np.exp(-value / 0.3**2)),
-        (gr.weights.bilateral(1.5, np.inf), np.exp(-space / 1.5**2)),
-        (gr.weights.patch(0, 0.4), np.exp(-value / 0.4**2)),
-        # 2 sigma^2 comes off per sample and channel, and nothing goes below 0
-        (gr.weights.patch(0, 0.4, sigma=0.1), np.exp(-np.maximum(value - 2 * 0.1**2 * 2, 0) / 0.4**2)),
-        (gr.weights.inverse_distance(), 1 / space),
-        (gr.weights.inverse_distance(1), space**-0.5),
-        (gr.weights.gaussian(features, 0.5), np.exp(-((features[u] - features[v]) ** 2).sum(axis=1) / 0.25)),
-        (
-            gr.weights.guided(gr.weights.patch(0, 0.4), features),
-            np.exp(-((features[u] - features[v]) ** 2).sum(axis=1) / 0.4**2),
-        ),
-    ):
-        assert np.abs(on_edges(weights, made, f0) - expected).max() < 1e-14 * max(1, expected.max()), weights
+    distances = [((values[u] - values[v]) ** 2).sum(axis=1) for values in (places, f0, features)]
+    weights, expected = FORMULAS[kind](features, *distances)
+    assert np.abs(on_edges(weights, made, f0) - expected).max() < 1e-14 * max(1, expected.max())
 
 
 @pytest.mark.parametrize("a", [None, 0.8])
@@ -111,43 +122,65 @@ def test_wrong_parameters(make, error: type, says: str) -> None:
         make()
 
 
-def test_weights_that_do_not_fit_the_graph() -> None:
-    bare = gr.Graph([0, 1, 2], [1, 0])
-    f0 = np.zeros(2)
-    together = gr.Graph([0, 1, 2], [1, 0], positions=np.zeros((2, 2)))
-    for weights, made, says in (
-        (gr.weights.bilateral(1, 1), bare, "positions"),
-        (gr.weights.inverse_distance(), bare, "positions"),
-        (gr.weights.inverse_distance(), together, "same point"),
-        (gr.weights.patch(1, 1), bare, "on a grid"),
-        (gr.weights.gaussian([1.0], 1), bare, "2 rows"),
-        (gr.weights.guided(gr.weights.patch(0, 1), [1.0]), bare, "2 rows"),
-    ):
-        with pytest.raises(ValueError, match=says):
-            gr.regularize(f0, made, weights=weights, backend="numpy")
+BARE = gr.Graph([0, 1, 2], [1, 0])
+TOGETHER = gr.Graph([0, 1, 2], [1, 0], positions=np.zeros((2, 2)))
 
 
-@pytest.mark.parametrize("q", [(), (3,)])
-def test_a_guide_in_the_shape_of_the_grid(device, q):
-    """The same as rows, on the grid and on its stored twin, and in what the memory is said to be."""
-    grid = gr.GridGraph((12, 9), 2)
-    f0, guide = rng(1).random((12, 9)), rng(2).random((12, 9, *q))
-    for made, data in ((grid, f0), (grid.to_graph(), f0.ravel())):
-        found = [
-            gr.regularize(
-                data, made, weights=gr.weights.guided(gr.weights.patch(1, 0.5), g), max_iter=2, backend=device
-            )
-            for g in (guide, guide.reshape(108, -1))
-        ]
-        assert np.array_equal(found[0].value, found[1].value)
+@pytest.mark.parametrize(
+    ("weights", "made", "says"),
+    [
+        (gr.weights.bilateral(1, 1), BARE, "positions"),
+        (gr.weights.inverse_distance(), BARE, "positions"),
+        (gr.weights.inverse_distance(), TOGETHER, "same point"),
+        (gr.weights.patch(1, 1), BARE, "on a grid"),
+        (gr.weights.gaussian([1.0], 1), BARE, "2 rows"),
+        (gr.weights.guided(gr.weights.patch(0, 1), [1.0]), BARE, "2 rows"),
+    ],
+)
+def test_weights_that_do_not_fit_the_graph(weights: Weights, made: gr.Graph, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        gr.regularize(np.zeros(2), made, weights=weights, backend="numpy")
+
+
+def guided_pixels(q: tuple[int, ...]) -> tuple[gr.GridGraph, np.ndarray]:
+    """A grid, and a guide in its shape with further axes `q`."""
+    return gr.GridGraph((12, 9), 2), rng(2).random((12, 9, *q))
+
+
+any_guide = pytest.mark.parametrize("q", [(), (3,)])
+
+
+@any_guide
+@pytest.mark.parametrize("stored", [False, True])
+def test_a_guide_in_the_shape_of_the_grid(device, q, stored):
+    """The same as rows, on the grid and on its stored twin."""
+    grid, guide = guided_pixels(q)
+    f0 = rng(1).random((12, 9))
+    made, data = (grid.to_graph(), f0.ravel()) if stored else (grid, f0)
+    shaped, rows = (
+        gr.regularize(data, made, weights=gr.weights.guided(gr.weights.patch(1, 0.5), g), max_iter=2, backend=device)
+        for g in (guide, guide.reshape(108, -1))
+    )
+    assert np.array_equal(shaped.value, rows.value)
+
+
+@any_guide
+def test_a_guide_needs_the_same_memory_in_either_shape(device, q):
+    grid, guide = guided_pixels(q)
     rows, shaped = (
         gr.memory_needed(grid, weights=gr.weights.guided(gr.weights.patch(1, 0.5), g), backend=device)
         for g in (guide.reshape(108, -1), guide)
     )
     assert rows == shaped
-    for wrong in (guide[1:], guide[:, 1:]):
-        with pytest.raises(ValueError, match=r"108 rows, one per vertex, or the grid's shape \(12, 9\)"):
-            gr.regularize(f0, grid, weights=gr.weights.guided(gr.weights.patch(1, 0.5), wrong), backend="numpy")
+
+
+@any_guide
+@pytest.mark.parametrize("part", [np.s_[1:], np.s_[:, 1:]], ids=["fewer rows", "fewer columns"])
+def test_a_guide_in_another_shape_is_refused(q, part):
+    grid, guide = guided_pixels(q)
+    weights = gr.weights.guided(gr.weights.patch(1, 0.5), guide[part])
+    with pytest.raises(ValueError, match=r"108 rows, one per vertex, or the grid's shape \(12, 9\)"):
+        gr.regularize(rng(1).random((12, 9)), grid, weights=weights, backend="numpy")
 
 
 def test_points_that_all_but_coincide(device):
