@@ -175,7 +175,7 @@ class CurveReport(ShapeReport):
         return Change.of(lambda points: sum(map(len, points)), self.before, self.worked.points)
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         return super().as_json() | {"seconds": round(self.seconds, 4)}
 
     def _told(self) -> dict[str, Any]:

@@ -80,7 +80,7 @@ class DenoiseReport:
         }
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         runs = [run_of(plan, result) for plan, result in self.runs]
         report = {**self.files, **({"each": self.through, "slices": runs} if self.through else runs[0])}
         report |= {"backend": self.backend, "seconds": self.seconds, "version": __version__}

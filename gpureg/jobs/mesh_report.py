@@ -111,7 +111,7 @@ class MeshReport(ShapeReport):
     errors: MeshErrors | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         report = super().as_json()
         if self.errors is None:
             return report

@@ -162,12 +162,12 @@ class ShapeReport:
         return self.results[0].backend if self.results else None
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         report = {"input": str(self.input), "output": str(self.output)} | self._told()
         return report if self.picture is None else report | {"picture": str(self.picture)}
 
     def lines(self) -> list[str]:
-        """The report for a reader."""
+        """Return the report as lines of text."""
         on = f" on {self.backend}" if self.backend else ""
         size = self._size()
         return [

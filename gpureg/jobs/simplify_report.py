@@ -185,7 +185,7 @@ class SimplifyReport:
         return 100 * regions / self.pixels
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         asked = self.asked
         report = {**self.files, **{name: getattr(asked, name) for name in _ALWAYS}}
         report["smooth_given"] = asked.smooth is not None
@@ -215,7 +215,7 @@ class SimplifyReport:
         return report | {name: str(path) for name, path in self.outputs.items()}
 
     def lines(self) -> list[str]:
-        """The report for a reader."""
+        """Return the report as lines of text."""
         report, (first, *_) = self.as_json(), self.runs
         lines = [] if self.files.get("axes_named", True) else [axes_line(report)]
         lines.append(f"sources  {self._sources()}{self._smoothing()}")

@@ -268,7 +268,7 @@ def test_wrong_calls_leave_no_figure(tmp_path, arguments, words):
 def test_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "file").write_text("mine", "utf-8")
     done = CliRunner().invoke(main, ["figures", str(tmp_path / "file"), "--quick"])
-    assert done.exit_code == 1 and "no folder can be made there" in done.output
+    assert done.exit_code == 1 and "the folder cannot be created" in done.output
     assert (tmp_path / "file").read_text("utf-8") == "mine"
 
 
