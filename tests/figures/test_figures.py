@@ -235,10 +235,10 @@ def test_an_stl_is_the_mesh_that_it_is(tmp_path):
     [
         (["--only", "10"], "10 is not in the range"),
         (["--only", "3", "--image", "none.png"], "none.png"),
-        (["--only", "3", "--image", "series.tif"], "the figures are of pictures"),
+        (["--only", "3", "--image", "series.tif"], "the figures need a picture"),
         (["--only", "3", "--image", "nan.tif"], "not all of its values are finite"),
         (["--only", "1", "--image", "tiny.png"], "32 x 32 pixels and more"),
-        (["--only", "3", "--image", "grey.png"], "all of its pixels are"),
+        (["--only", "3", "--image", "grey.png"], "all pixels have the value"),
         (["--only", "6", "--mesh", "broken.ply"], "broken.ply"),
         (["--only", "5", "--curve", "open.svg"], "a closed curve of the plane"),
         (["--only", "6", "--backend", "cuda"], "cuda"),
