@@ -27,7 +27,7 @@ from gpureg.files.pictures import read_picture, write_picture
         (["--lam", "shure"], ["--lam", "'shure'", "number", "discrepancy, sure, j-invariance"]),
         (["--lam", ""], ["--lam", "''", "number"]),
         (["--lam", "sure", "--sigma", "0", "--weights", "constant"], ["without noise", "lam"]),
-        (["--lam", "sure", "--centre", "largest"], ["--lam sure searches without --centre", "number"]),
+        (["--lam", "sure", "--centre", "largest"], ["--lam sure does not work with --centre", "number"]),
         (["--lam", "sure", "--average-patches", "none"], ["without --average-patches"]),
         (["--lam", "sure", "--norm", "edge", "--p", "1"], ["without --norm edge"]),
         (["--lam", "sure", "--guide", "nowhere.png"], ["without --guide"]),
