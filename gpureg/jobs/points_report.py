@@ -29,7 +29,7 @@ class PointErrors:
     file : Path
         File with the truth.
     surface, nearest, point : Change or None
-        Distance from its surface if it is a mesh, otherwise from its nearest point; and from the point of the same index.
+        Distance from its surface if it is a mesh, else from its nearest point; and from the point of the same index.
     """
 
     file: Path
