@@ -120,7 +120,7 @@ def split(array: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], npt.ND
     """Split an array, (H, W) or (..., samples) with one to four samples, into colours and alpha."""
     samples = 1 if array.ndim == 2 else array.shape[-1]
     if samples > 4:
-        raise PictureError(f"{where} holds an array of shape {array.shape}, not one grey or RGB picture")
+        raise PictureError(f"{where} has the shape {array.shape}, it is not one grey or RGB picture")
     if array.ndim == 2:
         return array, None
     if samples <= 2:

@@ -86,9 +86,9 @@ def read_picture(path: str | os.PathLike[str], axes: str | None = None, *, label
     if picture.pixels.dtype not in (np.uint8, np.uint16, np.float32, np.float64) and not (
         labels and picture.pixels.dtype.kind in "iu"
     ):
-        raise PictureError(f"{path} holds {picture.pixels.dtype} pixels; uint8, uint16 and float are supported")
+        raise PictureError(f"{path} has {picture.pixels.dtype} pixels; uint8, uint16 and float are supported")
     if picture.pixels.size == 0:
-        raise PictureError(f"{path} holds no pixels")
+        raise PictureError(f"{path} has no pixels")
     if axes is not None and checked_axes(axes) != picture.axes:
         raise AxesError(
             f"axes {axes} are not those of {path}, {picture.axes}; only those of a TIFF file can be renamed"
@@ -194,17 +194,17 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
     if picture is None:
         return
     if kind != "TIFF" and picture.is_stack:
-        raise PictureError(f"{path}: {kind} holds one picture, this is a stack {picture.axes}; write TIFF")
+        raise PictureError(f"{path}: {kind} stores one picture, this is a stack {picture.axes}; write TIFF")
     if kind != "TIFF" and picture.channels not in (1, 3):
-        raise PictureError(f"{path}: {kind} holds grey or RGB, the picture has {picture.channels} channels; write TIFF")
+        raise PictureError(f"{path}: {kind} stores grey or RGB, the picture has {picture.channels} channels; write TIFF")
     if kind == "JPEG" and picture.alpha is not None:
-        raise PictureError(f"{path}: JPEG holds no alpha channel; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores no alpha channel; write PNG or TIFF")
     if kind == "JPEG" and picture.pixels.dtype != np.uint8:
-        raise PictureError(f"{path}: JPEG holds 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
     if kind == "JPEG" and max(picture.pixels.shape[:2]) > _JPEG_SIDE:
-        raise PictureError(f"{path}: JPEG holds sides of {_JPEG_SIDE} pixels at most; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores at most {_JPEG_SIDE} pixels on a side; write PNG or TIFF")
     if kind == "PNG" and picture.pixels.dtype.kind == "f":
-        raise PictureError(f"{path}: PNG holds no {picture.pixels.dtype} pixels; write TIFF")
+        raise PictureError(f"{path}: PNG stores no {picture.pixels.dtype} pixels; write TIFF")
 
 
 def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:

@@ -130,7 +130,7 @@ def _check_destinations(outputs: dict[str, Path], picture: Picture) -> None:
             like = _on_cells(np.broadcast_to(np.uint8(0), shape), picture)
         check_destination(path, like)
         if option == "--labels" and FORMATS[path.suffix.lower()] != "TIFF":
-            raise PictureError(f"{path}: labels are written as TIFF, whatever their number; name the file .tif")
+            raise PictureError(f"{path}: labels are written as TIFF; name the file .tif")
 
 
 def _markers(picture: Picture, source: Path, path: Path, layout: Layout) -> npt.NDArray[np.int32]:

@@ -227,9 +227,9 @@ def test_wrong_types(call, words):
 
 def test_a_result_without_energies(results):
     bare = replace(results["plain"], energy=np.empty(0), checks=np.empty(0, np.int64))
-    with pytest.raises(ValueError, match=r"the result holds no energies: runs in tiles"):
+    with pytest.raises(ValueError, match=r"the result has no energies: runs in tiles"):
         gr.plot.energy(bare)
-    with pytest.raises(ValueError, match=r"the result 'bare' holds no energies"):
+    with pytest.raises(ValueError, match=r"the result 'bare' has no energies"):
         gr.plot.energy({**results, "bare": bare})
 
 
