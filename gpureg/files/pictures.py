@@ -196,7 +196,7 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
     if kind != "TIFF" and picture.is_stack:
         raise PictureError(f"{path}: {kind} stores one picture, this is a stack {picture.axes}; write TIFF")
     if kind != "TIFF" and picture.channels not in (1, 3):
-        raise PictureError(f"{path}: {kind} stores grey or RGB, the picture has {picture.channels} channels; write TIFF")
+        raise PictureError(f"{path}: {kind} stores grey or RGB, this has {picture.channels} channels; write TIFF")
     if kind == "JPEG" and picture.alpha is not None:
         raise PictureError(f"{path}: JPEG stores no alpha channel; write PNG or TIFF")
     if kind == "JPEG" and picture.pixels.dtype != np.uint8:

@@ -132,7 +132,7 @@ def test_two_axes_of_channels(tmp_path):
 def test_a_stack_into_a_picture_file(tmp_path):
     tifffile.imwrite(tmp_path / "in.tif", values("ZYX", "uint8"), imagej=True, metadata={"axes": "ZYX"})
     for name, kind in (("o.png", "PNG"), ("o.jpg", "JPEG")):
-        failed(denoise(tmp_path / "in.tif", tmp_path / name), 1, name, f"{kind} stores one picture", "ZYX", "write TIFF")
+        failed(denoise(tmp_path / "in.tif", tmp_path / name), 1, name, f"{kind} stores one picture", "ZYX", "TIFF")
 
 
 def test_pages_of_different_kinds(tmp_path):
