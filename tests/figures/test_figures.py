@@ -240,7 +240,7 @@ def test_an_stl_is_the_mesh_that_it_is(tmp_path):
         (["--only", "1", "--image", "tiny.png"], "32 x 32 pixels and more"),
         (["--only", "3", "--image", "grey.png"], "all pixels have the value"),
         (["--only", "6", "--mesh", "broken.ply"], "broken.ply"),
-        (["--only", "5", "--curve", "open.svg"], "a closed curve of the plane"),
+        (["--only", "5", "--curve", "open.svg"], "a closed curve in the plane"),
         (["--only", "6", "--backend", "cuda"], "cuda"),
     ],
 )
