@@ -42,12 +42,7 @@ class CurveSettings(ShapeSettings):
         return self.simplify or self.n_vertices is not None
 
     def check(self) -> None:
-        """Refuse combinations of options that have no effect.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         if self.simplifies and self.sigma is not None:
             raise ValueError("--sigma is for denoising, --simplify and --n-vertices are not; run twice")
         if self.simplifies and self.keep_ends is False:

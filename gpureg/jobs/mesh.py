@@ -50,12 +50,7 @@ class MeshSettings(ViewedSettings):
         return told if self.weights != "cotangent" else told | {"weights": cotangent(surface.welded()[0].faces)}
 
     def check(self) -> None:
-        """Refuse combinations of options that have no effect.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         given = self.first_given(_DENOISING)
         if self.simplifies and given is not None:
             raise ValueError(f"{given} is for denoising, --simplify and --n-vertices are not; run twice")

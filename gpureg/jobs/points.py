@@ -45,12 +45,7 @@ class PointsSettings(ViewedSettings):
         return self.cluster or self.n_clusters is not None
 
     def check(self) -> None:
-        """Refuse combinations of options that have no effect.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         given = self.first_given(_DENOISING if self.clusters else _CLUSTERING)
         if given is not None and self.clusters:
             raise ValueError(f"{given} is for denoising, --cluster and --n-clusters are not; run twice")

@@ -26,8 +26,7 @@ class PhotonNoise:
     gain : float
         Image units per detected photon, >= 0.
     read_noise : float
-        Standard deviation of the noise without light, in the image's units; 0 also if the fitted variance at `offset`
-        is negative.
+        Standard deviation of the noise without light, in the image's units; 0 if the fitted variance is negative.
     offset : float
         The image's value without light.
     """
@@ -79,13 +78,13 @@ def estimate_photon_noise(
 
     Notes
     -----
-    The photon transfer line (Janesick, Photon Transfer, 2007) is
+    The photon transfer line (Janesick, Photon Transfer, 2007) is::
 
         variance = gain (mean - offset) + read_noise^2.
 
     Mean and variance (from Immerkaer's response) are measured in classes of brightness, where texture is weakest. The
     line is fitted to them with weights from the scatter (the variance of a variance of n samples is 2/n of its square)
-    and Huber's weights for outliers. The read noise is the value at `offset`, an extrapolation for images without dark
+    and Huber's weights for outliers. Its value at `offset` is read_noise^2, an extrapolation for images without dark
     regions. Saturated pixels are left out. If the camera clips at 0, its zeros look like pixels without noise.
 
     Examples

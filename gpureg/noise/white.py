@@ -97,12 +97,7 @@ def estimate_noise(
 
 
 def check_channel_axis(image: npt.ArrayLike, channel_axis: int | None) -> None:
-    """Raise if an image does not have this axis of channels.
-
-    Raises
-    ------
-    TypeError, ValueError
-    """
+    """Raise TypeError or ValueError if an image does not have this axis of channels."""
     if channel_axis is not None:
         ndim = np.ndim(image)
         integer("channel_axis", channel_axis, low=-ndim, high=ndim - 1)
