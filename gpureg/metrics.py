@@ -1,6 +1,6 @@
-"""Measure meshes and curves, and how far one is from another: :mod:`gpureg.metrics`.
+"""Measure meshes and curves, and their distances: :mod:`gpureg.metrics`.
 
-Meshes are whatever :func:`gpureg.denoise_mesh` takes: (vertices, faces), or those of trimesh, PyVista and Open3D.
+Meshes are as for :func:`gpureg.denoise_mesh`: (vertices, faces), or meshes of trimesh, PyVista and Open3D.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from .graphs.of_shapes import face_edges
 from .shapes.ends import ends_of
 from .shapes.surface import Surface, face_normals, face_vectors, surface_of
 
-# Pairs of a point and an element that are looked at together.
+# Number of pairs of a point and an element that are processed together.
 _PAIRS = 1 << 20
 
 
 @door
 def area(mesh: Any) -> float:
-    """Measure the area of a mesh: that of all its faces."""
+    """Compute the area of all faces of a mesh."""
     surface = surface_of(mesh)
     return float(np.linalg.norm(face_vectors(surface.vertices, surface.faces), axis=1).sum())
 
 
 @door
 def volume(mesh: Any) -> float:
-    """Measure the volume that a mesh encloses, > 0 where its normals lead outwards.
+    """Compute the volume of a mesh, > 0 if its normals point outwards.
 
-    Of an open mesh it is that under the cone from the mean of the vertices over its borders.
+    An open mesh is closed by cones from the mean of the vertices to its borders.
 
     Examples
     --------
@@ -48,9 +48,9 @@ def volume(mesh: Any) -> float:
 
 @door
 def is_watertight(mesh: Any) -> bool:
-    """Say whether every edge is one of exactly two faces, which go along it in opposite directions.
+    """Return whether every edge belongs to exactly two faces, which have it in opposite directions.
 
-    Vertices on the same point count as one, and faces without an area of their own corners as none.
+    Vertices at the same point count as one, and faces with a repeated vertex are left out.
     """
     surface, _ = surface_of(mesh).welded()
     faces = surface.faces
@@ -63,36 +63,36 @@ def is_watertight(mesh: Any) -> bool:
 
 @door
 def normal_angle_error(mesh: Any, truth: Any) -> float:
-    """Measure the mean angle between the normals of corresponding faces, in degrees.
+    """Compute the mean angle between the normals of corresponding faces, in degrees.
 
     Parameters
     ----------
     mesh, truth : meshes
-        With the same faces. Faces without area, in either, are left out.
+        Two meshes with the same faces. Faces without area in one of them are left out.
 
     Raises
     ------
     ValueError
-        Faces that differ; no face with an area.
+        The faces differ, or no face has an area.
     """
     a, b = _alike(mesh, truth)
     normals, true = face_normals(a.vertices, a.faces), face_normals(b.vertices, b.faces)
     there = normals.any(axis=1) & true.any(axis=1)
     if not there.any():
         raise ValueError("no face has an area in both meshes")
-    # of half the chord: arccos would lose half the digits near 0
+    # arcsin of half the chord: arccos would lose half the digits near 0
     half = np.linalg.norm(normals[there] - true[there], axis=1) / 2
     return float(np.degrees(2 * np.arcsin(np.minimum(half, 1))).mean())
 
 
 @door
 def vertex_error(mesh: Any, truth: Any) -> float:
-    """Measure the mean distance between corresponding vertices of faces, in mean edges of the truth.
+    """Compute the mean distance between corresponding vertices of faces, divided by the mean edge of the truth.
 
     Raises
     ------
     ValueError
-        Faces that differ.
+        The faces differ.
     """
     a, b = _alike(mesh, truth)
     used = np.unique(b.faces)
@@ -113,7 +113,7 @@ def _alike(mesh: Any, truth: Any) -> tuple[Surface, Surface]:
 
 @door
 def distance_to_surface(points: npt.ArrayLike, mesh: Any) -> FloatArray:
-    """Measure the distance of each point from the nearest point of a mesh's faces, exactly, (n,).
+    """Compute the exact distance (n,) of each point from the faces of a mesh.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def distance_to_surface(points: npt.ArrayLike, mesh: Any) -> FloatArray:
     Raises
     ------
     ValueError
-        No face with an area, points that are not of space.
+        No face has an area, or the points are not (n, 3).
     """
     surface = surface_of(mesh)
     triangles = surface.vertices[surface.faces]
@@ -139,15 +139,15 @@ def distance_to_surface(points: npt.ArrayLike, mesh: Any) -> FloatArray:
 
 @door
 def hausdorff(mesh: Any, other: Any) -> float:
-    """Measure the two-sided Hausdorff distance between two meshes.
+    """Compute the two-sided Hausdorff distance between two meshes.
 
-    No point of either is further than this from the other. It is taken at the vertices, the midpoints of edges and of
-    faces of each, exactly to the faces of the other.
+    It is the largest distance from the vertices and the midpoints of edges and faces of one mesh to the faces of the
+    other, an approximation of the largest distance over all points.
 
     Raises
     ------
     ValueError
-        A mesh of whose faces none has an area.
+        A mesh has no face with an area.
     """
     a, b = surface_of(mesh), surface_of(other)
     return max(float(distance_to_surface(_samples(x), y).max()) for x, y in (
@@ -163,26 +163,26 @@ def _samples(surface: Surface) -> FloatArray:
 
 @door
 def curve_length(points: npt.ArrayLike, closed: bool | None = None) -> float:
-    """Measure the length of a polygonal curve.
+    """Compute the length of a polygonal curve.
 
     Parameters
     ----------
     points : (n, d) array
         The vertices in order.
     closed : bool, optional
-        Whether the last vertex is joined to the first. None: as :func:`gpureg.denoise_curve` says.
+        Whether the last vertex is joined to the first. The default is as in :func:`gpureg.denoise_curve`.
 
     Raises
     ------
     TypeError, ValueError
-        Coordinates that are not real and finite.
+        Coordinates are not real and finite.
     """
     return float(np.linalg.norm(np.diff(_segments(checked_points(points), closed), axis=1)[:, 0], axis=1).sum())
 
 
 @door
 def curve_area(points: npt.ArrayLike) -> float:
-    """Measure the area inside a closed curve of the plane, > 0 where it goes round against the clock.
+    """Compute the area inside a closed curve (n, 2), > 0 if the curve is counterclockwise.
 
     Examples
     --------
@@ -200,22 +200,22 @@ def curve_area(points: npt.ArrayLike) -> float:
 
 @door
 def curve_hausdorff(points: npt.ArrayLike, other: npt.ArrayLike, closed: bool | None = None) -> float:
-    """Measure the two-sided Hausdorff distance between two polygonal curves, both closed or both open.
+    """Compute the two-sided Hausdorff distance between two polygonal curves, both closed or both open.
 
-    Taken at the vertices and the midpoints of the segments of each, exactly to the segments of the other.
+    It is the largest distance from the vertices and segment midpoints of one curve to the segments of the other.
 
     Parameters
     ----------
     points, other : (n, d) and (m, d) arrays
         The vertices in order.
     closed : bool, optional
-        Whether the last vertex of each is joined to its first. None: as :func:`gpureg.denoise_curve` says of the one
-        of more vertices.
+        Whether the last vertex of each is joined to its first. The default is as in :func:`gpureg.denoise_curve` for
+        the curve with more vertices.
 
     Raises
     ------
     TypeError, ValueError
-        Coordinates that are not real and finite, curves of different dimensions.
+        Coordinates are not real and finite, or the curves have different dimensions.
     """
     one, two = checked_points(points), checked_points(other)
     shut = ends_of(one if len(one) >= len(two) else two, closed).closed
@@ -231,12 +231,12 @@ def curve_hausdorff(points: npt.ArrayLike, other: npt.ArrayLike, closed: bool | 
 
 
 def _segments(x: FloatArray, closed: bool | None) -> FloatArray:
-    """The segments of a curve, (s, 2, d); of a single point one of length 0."""
+    """Return the segments (s, 2, d) of a curve (n, d); one of length 0 for a single point."""
     ends = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
     return ends if ends_of(x, closed).closed or len(x) == 1 else ends[:-1]
 
 
-# Distances of points (k, d) from elements (k, corners, d), one by one.
+# Distances (k,) of points (k, d) from elements (k, corners, d), one by one.
 _Distance = Callable[[FloatArray, FloatArray], FloatArray]
 
 
@@ -251,7 +251,7 @@ def _to_segments(x: FloatArray, ends: FloatArray) -> FloatArray:
 def _to_triangles(x: FloatArray, triangles: FloatArray) -> FloatArray:
     from trimesh import triangles as trimesh_triangles
 
-    # around each point, in the size of its triangle: trimesh takes products below 1e-12 for 0
+    # relative to each point and the size of its triangle: trimesh takes products below 1e-12 for 0
     size = np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
     around = (triangles - x[:, None]) / size[:, None, None]
     nearest: FloatArray = trimesh_triangles.closest_point(around, np.zeros_like(x))
@@ -260,10 +260,10 @@ def _to_triangles(x: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def _distances(x: FloatArray, elements: FloatArray, distance: _Distance) -> FloatArray:
-    """The distance of each point from the nearest element.
+    """Compute the distance (n,) of each point (n, d) from the nearest of the elements (k, corners, d).
 
-    The element with the nearest middle gives a bound; whatever is nearer has its middle within the bound and its own
-    radius. Elements are taken by classes of radii that differ by less than 2, each with a tree of its own.
+    The element with the nearest centre gives an upper bound. The centre of a nearer element is within this bound plus
+    the radius of the element. Elements are searched in classes of similar radii (within a factor of 2), one tree each.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""The command line: a file for each command of ``gpureg``."""
+"""The command line, with one file for each command of ``gpureg``."""
 
 from .commands import main
 

@@ -1,4 +1,4 @@
-"""``gpureg backends``: what there is to run on."""
+"""``gpureg backends``: list the devices."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ def _gibibytes(count: int) -> str:
 
 @click.command(
     "backends",
-    short_help="List the devices there are.",
+    short_help="List the available devices.",
     epilog=examples("GPUREG_BACKEND=warp:cpu gpureg denoise noisy.png clean.png"),
 )
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Write JSON.")
 def list_backends(as_json: bool) -> None:
-    """List the devices gpureg can use, which one `auto` takes, and what would bring the absent ones."""
+    """List the devices that gpureg can use, the one that `auto` takes, and how to install the missing ones."""
     found, absent = backends.devices(), backends.absent()
     code = 0
     try:
         taken, why = backends.get("auto").device.id, backends.why_auto()
     except (ValueError, backends.BackendUnavailable) as error:
-        # GPUREG_BACKEND names what is not there: the table is what helps then.
+        # GPUREG_BACKEND names a device that does not exist: the table shows the existing ones.
         taken, why, code = "", str(error), 2 if isinstance(error, ValueError) else 1
     if as_json:
         rows = [

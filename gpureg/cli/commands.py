@@ -1,4 +1,4 @@
-"""All commands of ``gpureg`` in one group."""
+"""The group of all commands of ``gpureg``."""
 
 from __future__ import annotations
 

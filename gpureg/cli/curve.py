@@ -1,4 +1,4 @@
-"""``gpureg curve``: polygonal curves in, ones with less noise or fewer vertices out, and their skeletons."""
+"""``gpureg curve``: denoise or simplify polygonal curves, and compute their skeletons."""
 
 from __future__ import annotations
 
@@ -23,44 +23,44 @@ from .terminal import tell
         "gpureg curve coast.geojson simple.geojson --simplify --picture both.png",
         "gpureg curve outline.csv smooth.csv --skeleton bones.svg",
     ),
-    short_help="Denoise or simplify polygonal curves; their skeletons.",
+    short_help="Denoise or simplify polygonal curves; compute skeletons.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)
-@click.option("--simplify", is_flag=True, help="Fewer vertices instead of less noise: those that tell the shape stay.")
-@click.option("--n-vertices", type=int, help="Simplify each curve to so many vertices.")
+@click.option("--simplify", is_flag=True, help="Remove vertices instead of noise; those that define the shape stay.")
+@click.option("--n-vertices", type=int, help="Simplify each curve to this number of vertices.")
 @click.option(
     "--filter",
     type=click.Choice(CURVE_FILTERS),
-    help="What is simplified. directions: corners stay, straight runs go. positions: curves are thinned evenly.  "
+    help="directions: keep the corners, merge straight parts. positions: thin the curves evenly.  "
     "[default: directions]",
 )
 @click.option("--p", type=float, help="Degree of regularity > 0.  [default: 2; 0.5 to simplify]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
-@click.option("--sigma", type=float, help="Noise of each coordinate, in their units.  [default: estimated]")
+@click.option("--sigma", type=float, help="Noise of each coordinate, in its units.  [default: estimated]")
 @click.option("--weights", type=click.Choice(WEIGHTS), help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1]")
 @click.option("--norm", type=click.Choice(NORMS), help="Gradient norm.  [default: vertex; edge to simplify]")
 @click.option(
-    "--keep-ends/--no-keep-ends", default=None, help="Whether the ends of open curves keep their place.  [default: yes]"
+    "--keep-ends/--no-keep-ends", default=None, help="Whether the ends of open curves stay fixed.  [default: yes]"
 )
 @click.option(
     "--closed/--open",
     default=None,
-    help="Whether the curves of a CSV are closed.  [default: where the first vertex is repeated, or the ends are near]",
+    help="Whether the curves of a CSV are closed.  [default: if the first vertex is repeated, or the ends are near]",
 )
 @click.option(
     "--degrees/--no-degrees",
     default=None,
-    help="Coordinates are longitude and latitude: distances on the ground count.  [default: for GeoJSON]",
+    help="Coordinates are longitude and latitude: use distances on the ground.  [default: for GeoJSON]",
 )
-@click.option("--skeleton", type=FILE, metavar="FILE", help="The skeletons of closed curves, branch by branch.")
+@click.option("--skeleton", type=FILE, metavar="FILE", help="File for the branches of the skeletons of closed curves.")
 @click.option("--solver", type=click.Choice(["jacobi", "certified"]), help="[default: certified where p >= 1]")
-@click.option("--max-iter", type=int, help="Iterations at most.")
+@click.option("--max-iter", type=int, help="Maximum number of iterations.")
 @options.tol
 @options.eps
 @options.backend
 @options.dtype
-@click.option("--reference", type=FILE, help="Clean curves: Hausdorff distance before and after.")
+@click.option("--reference", type=FILE, help="Clean curves: report the Hausdorff distance before and after.")
 @click.option("--picture", type=FILE, help="Picture of the curves before and after, or of the skeletons.")
 @options.as_json
 @options.quiet
@@ -75,8 +75,8 @@ def curve(
 ) -> None:
     """Denoise the polygonal curves IN, or simplify them, and write them to OUT.
 
-    CSV, SVG and GeoJSON, by extension; what else an SVG or GeoJSON holds goes along. With no option the noise of each
-    curve is estimated. All files are written, or none; OUT may be IN.
+    The extension gives the format: CSV, SVG or GeoJSON. Other content of an SVG or GeoJSON is copied. By default the
+    noise of each curve is estimated. All files are written, or none; OUT may be IN.
     """
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
 

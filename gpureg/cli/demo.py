@@ -1,4 +1,4 @@
-"""``gpureg demo``: the first picture, without a file at hand."""
+"""``gpureg demo``: denoise a picture that comes with scikit-image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .terminal import say
 
 @click.command(epilog=examples("gpureg demo"), short_help="Denoise a picture that comes with scikit-image.")
 @click.argument("target", metavar="[OUT]", default="gpureg-demo.png", type=FILE)
-@click.option("--sigma", type=float, default=20.0, show_default=True, help="Noise to add, of 255.")
+@click.option("--sigma", type=float, default=20.0, show_default=True, help="Sigma of the noise to add, of 255.")
 @click.option("--backend", default="auto", show_default=True, help="Where to run.")
 def demo(target: Path, sigma: float, backend: str) -> None:
     """Add noise to scikit-image's camera picture, denoise it, and draw noisy | denoised | difference to OUT."""
@@ -27,7 +27,7 @@ def demo(target: Path, sigma: float, backend: str) -> None:
     def work() -> None:
         check_destination(target)
         if not (math.isfinite(sigma) and sigma >= 1):
-            raise ValueError(f"--sigma must be finite and >= 1 (less drowns in rounding to 8 bits), got {sigma}")
+            raise ValueError(f"--sigma must be finite and >= 1 (smaller is lost in rounding to 8 bits), got {sigma}")
         try:
             from skimage import data
 

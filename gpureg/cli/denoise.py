@@ -1,4 +1,4 @@
-"""``gpureg denoise``: pictures in, pictures without their noise out."""
+"""``gpureg denoise``: denoise pictures, volumes and series."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .terminal import say
 
 
 def _fidelity(text: str) -> float | str:
-    """A number, or the name of a search for one."""
+    """Parse a number, or the name of a search method."""
     word = text.strip().lower()
     if word in LAM_METHODS:
         return word
@@ -38,7 +38,7 @@ def _fidelity(text: str) -> float | str:
         raise click.BadParameter(f"{text!r} is neither a number >= 0 nor one of {', '.join(LAM_METHODS)}.") from None
 
 
-# Options that belong to one weight function alone.
+# The options that belong to one weight function only.
 _OPTIONS_OF_WEIGHTS = {
     "patch_radius": "patch",
     "h": "patch",
@@ -55,23 +55,23 @@ _OPTIONS_OF_WEIGHTS = {
     short_help="Denoise pictures, volumes, series.",
 )
 @click.argument("paths", metavar="IN... OUT", nargs=-1)
-@click.option("--sigma", type=float, help="Noise's standard deviation in pixel values.  [default: estimated]")
+@click.option("--sigma", type=float, help="Standard deviation of the noise, in pixel values.  [default: estimated]")
 @click.option("--p", type=float, help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.  [default: 2]")
 @click.option(
     "--lam",
     type=_fidelity,
     metavar="FLOAT|METHOD",
-    help="Fidelity >= 0: larger stays closer to the picture; or a search for it, in 5 to 15 runs: "
-    f"{', '.join(LAM_METHODS)}.  [default: by rule, from the noise]",
+    help="Fidelity >= 0, larger stays closer to the picture; or a method that searches for it in 5 to 15 runs: "
+    f"{', '.join(LAM_METHODS)}.  [default: computed from the noise]",
 )
-@click.option("--radius", type=float, help="Reach of the window in pixels, or units of --spacing.")
+@click.option("--radius", type=float, help="Radius of the window, in pixels or units of --spacing.")
 @click.option("--metric", type=click.Choice(METRICS), help="Shape of the window: square, disk, diamond.")
 @click.option(
     "--norm",
     type=click.Choice(NORMS),
     default="vertex",
     show_default=True,
-    help="One gradient norm at each pixel, or one along each edge (anisotropic); p other than 2.",
+    help="One gradient norm at each pixel, or one along each edge (anisotropic); for p other than 2.",
 )
 @click.option(
     "--weights",
@@ -80,41 +80,41 @@ _OPTIONS_OF_WEIGHTS = {
 )
 @click.option("--patch-radius", type=int, help="patch: radius of a patch.  [default: 2]")
 @click.option("--h", type=float, help="patch: filtering parameter.  [default: 0.6 sigma sqrt(samples)]")
-@click.option("--patch-sigma", type=float, help="patch: Gaussian patch of this standard deviation.  [default: flat]")
-@click.option("--sigma-space", type=float, help="bilateral: reach as --radius.  [default: 3 of the finest pixels]")
-@click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.  [default: 3 sigma]")
+@click.option("--patch-sigma", type=float, help="patch: standard deviation of a Gaussian patch.  [default: flat patch]")
+@click.option("--sigma-space", type=float, help="bilateral: scale in space, as --radius.  [default: 3 smallest pixels]")
+@click.option("--sigma-value", type=float, help="bilateral: scale in pixel values.  [default: 3 sigma]")
 @click.option(
     "--centre",
     type=click.Choice(CENTRES),
-    help="patch, bilateral, one sweep: a pixel itself counts with weight 1, the largest around it, or not at all.  "
+    help="patch, bilateral, one sweep: weight of a pixel itself: 1, the largest of its neighbours, or 0.  "
     "[default: once]",
 )
 @click.option(
     "--average-patches",
     type=click.Choice(list(AVERAGING)),
-    help="patch, one sweep: a pixel is the mean over all patches that cover it, plain or weighted by what they found.  "
-    "[default: weighted in a picture without --weights, otherwise none]",
+    help="patch, one sweep: average all patches that cover a pixel, plain or weighted.  "
+    "[default: weighted for a picture without --weights, otherwise none]",
 )
-@click.option("--k", type=int, help="patch: keep so many of each pixel's edges, those to the nearest patches.")
+@click.option("--k", type=int, help="patch: number of edges to keep at each pixel, those to the most similar patches.")
 @options.solver
-@click.option("--max-iter", type=int, help="Iterations at most.")
+@click.option("--max-iter", type=int, help="Maximum number of iterations.")
 @options.tol
 @options.eps
 @options.backend
 @options.dtype
 @click.option(
     "--memory",
-    help="Bytes it may take on the device, such as 4GiB.  [default: half of a CPU's, 90 percent of a GPU's]",
+    help="Device memory to use at most, such as 4GiB.  [default: half of a CPU's, 90 percent of a GPU's]",
 )
 @options.axes
 @options.each
 @options.spacing
 @options.mask
 @click.option(
-    "--guide", type=FILE, help="Picture that the weights compare instead of IN; or a folder of such, by name."
+    "--guide", type=FILE, help="Picture that the weights compare instead of IN; or a folder with files named as IN."
 )
-@click.option("--reference", type=FILE, help="Clean picture, or a folder of them: PSNR and SSIM are reported.")
-@click.option("--explain", is_flag=True, help="Print the plan first: what was chosen for each parameter, and why.")
+@click.option("--reference", type=FILE, help="Clean picture, or a folder of them: report PSNR and SSIM.")
+@click.option("--explain", is_flag=True, help="Print the plan first: the value of each parameter, and why.")
 @options.as_json
 @options.quiet
 @options.progress
@@ -128,17 +128,17 @@ def denoise(
     progress: bool | None,
     **given: Any,
 ) -> None:
-    """Denoise the picture IN and write it to OUT; or several, or a pattern such as 'raw/*.tif', into the folder OUT.
+    """Denoise the picture IN and write it to OUT; or several, or a pattern such as 'raw/*.tif', to the folder OUT.
 
-    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. TIFF stacks are volumes or series, of float
-    values too; pixels that are NaN are left out. With no option the noise is estimated and the rest follows from it.
+    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is copied. TIFF stacks are volumes or series, also of float
+    values; pixels that are NaN are left out. By default the noise is estimated, and the other parameters follow.
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
         is_given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
         if is_given and owner != given["weights"]:
             raise click.UsageError(f"--{name.replace('_', '-')} needs --weights {owner}")
     if len(paths) < 2:
-        raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where is {paths[0]} to go?")
+        raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where to write {paths[0]}?")
     if quiet and given["explain"]:
         raise click.UsageError("--explain and --quiet contradict each other")
     *names, out = paths

@@ -1,4 +1,4 @@
-"""``gpureg figures``: the figures of the paper, each with what it shows."""
+"""``gpureg figures``: draw the figures of the paper."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from .terminal import say
     short_help="Draw the figures of the paper.",
 )
 @click.argument("folder", metavar="DIR", type=FILE)
-@click.option("--only", type=click.IntRange(1, 9), multiple=True, metavar="N", help="This figure alone; repeatable.")
-@click.option("--quick", is_flag=True, help="Smaller pictures and made shapes: all within a minute.")
+@click.option("--only", type=click.IntRange(1, 9), multiple=True, metavar="N", help="Only this figure; repeatable.")
+@click.option("--quick", is_flag=True, help="Smaller pictures and shapes: all figures within a minute.")
 @click.option(
     "--image",
     type=FILE,
-    help="Picture for figures 1 to 4, without its opacity.  [default: scikit-image's camera, astronaut]",
+    help="Picture for figures 1 to 4; alpha is ignored.  [default: scikit-image's camera, astronaut]",
 )
-@click.option("--mesh", type=FILE, help="Mesh for figures 6 and 8, such as the Stanford bunny.  [default: made ones]")
+@click.option("--mesh", type=FILE, help="Mesh for figures 6 and 8, such as the Stanford bunny.  [default: generated]")
 @click.option(
-    "--curve", type=FILE, help="Closed curve for figures 5, 7 and 9.  [default: scikit-image's horse, a made coast]"
+    "--curve", type=FILE, help="Closed curve for figures 5, 7, 9.  [default: scikit-image's horse, generated coast]"
 )
 @click.option(
     "--noise/--no-noise",
     default=True,
     show_default=True,
-    help="Add noise in figures 3, 5 and 6; without it, what is given is noisy itself.",
+    help="Add noise in figures 3, 5 and 6; --no-noise for inputs that are noisy already.",
 )
 @options.backend
 @options.quiet
@@ -56,9 +56,9 @@ def figures(
 ) -> None:
     """Draw the figures of Bougleux, Elmoataz and Melkemi (2009) into DIR.
 
-    fig1.png to fig9.png, each with its parameters and what to see in it, and with all of its numbers as JSON beside it.
-    Pictures come with scikit-image, meshes and the coast are made; each can be replaced by a file. DIR is made where
-    there is none.
+    Write fig1.png to fig9.png, each with its parameters and a description, and its numbers as fig1.json to fig9.json.
+    The pictures come with scikit-image, the meshes and the coast are generated; options replace them by files. DIR is
+    created if it does not exist.
     """
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
 
@@ -73,13 +73,13 @@ def figures(
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise PictureError(f"{folder}: no folder can be made there, {error.strerror}") from None
+            raise PictureError(f"{folder}: the folder cannot be created, {error.strerror}") from None
         inputs = Inputs(image, mesh, curve, noise, quick, backend)
         written: list[str] = []
         try:
             figures = draw_figures(folder, inputs, only)
             while True:
-                # the bar is gone before there is a word to say
+                # remove the bar before text is printed
                 with progress_bar(show, len(set(only)) or len(FIGURES), "figures") as report:
                     report(len(written))
                     found = next(figures, None)

@@ -1,6 +1,6 @@
-"""The group of all commands, and what becomes of failures: a sentence and an exit code.
+"""The group of all commands, and its errors: one sentence and an exit code.
 
-0 done, 1 the work failed (a file, a backend), 2 a wrong call, 130 interrupted.
+The exit code is 0 after success, 1 after a failure (a file, a backend), 2 after a wrong call, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ RENAMED = {
 
 
 class _Failure(click.ClickException):
-    """The work failed: one sentence, exit code 1."""
+    """A failure, printed as one sentence, with exit code 1."""
 
     exit_code = 1
 
     def show(self, file: Any = None) -> None:
-        """Tell it on the error stream."""
+        """Print the message to standard error."""
         click.echo(f"gpureg: {self.message}", err=True)
 
 
 def sentences(work: Callable[[], Any]) -> Any:
-    """Run, and turn what can go wrong into a sentence and an exit code."""
+    """Call `work`, and turn its exceptions into a sentence and an exit code."""
     try:
         with without_names():
             return work()
@@ -48,12 +48,12 @@ def sentences(work: Callable[[], Any]) -> Any:
 
 
 class _Group(click.Group):
-    """Lets an interrupted run end quietly, with the shell's exit code for it."""
+    """A group that ends without a traceback, also when interrupted."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
-        """Run a command and leave the process."""
+        """Run a command and exit."""
         try:
-            # Without its standalone mode click gives an exit code back instead of leaving with it.
+            # In standalone mode click would exit itself; otherwise it returns the exit code.
             code = super().main(*args, **{**kwargs, "standalone_mode": False})
             sys.exit(code if isinstance(code, int) else 0)
         except (KeyboardInterrupt, click.Abort):
@@ -66,10 +66,10 @@ class _Group(click.Group):
             error.show()
             sys.exit(error.exit_code)
         except OSError as error:
-            # Standard output refuses: its reader has gone, which needs no word, or its disk is full.
+            # Writing to standard output failed: the pipe is closed, which is no error, or the disk is full.
             if not isinstance(error, BrokenPipeError):
                 click.echo(f"gpureg: standard output: {error.strerror}", err=True)
-            # What is still buffered goes nowhere, or the interpreter would complain at its end.
+            # Discard the buffered output, or the interpreter would report an error at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1)
 
@@ -79,5 +79,5 @@ class _Group(click.Group):
 def main() -> None:
     """Denoise, simplify and cluster pictures, volumes, meshes, curves and point clouds.
 
-    By p-Laplacian regularization on weighted graphs, on the fastest device at hand.
+    The method is p-Laplacian regularization on weighted graphs, on the fastest available device.
     """

@@ -1,4 +1,4 @@
-"""``gpureg mesh``: a triangle mesh in, one with less noise or fewer vertices out."""
+"""``gpureg mesh``: denoise or simplify a triangle mesh."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from .terminal import tell
     help="normals: regularize the normals of faces and fit the vertices to them, which keeps creases. positions: "
     "regularize the vertices.  [default: normals]",
 )
-@click.option("--taubin", is_flag=True, help="With --filter positions: Taubin's pair of steps instead of the model.")
+@click.option("--taubin", is_flag=True, help="With --filter positions: use Taubin's two steps instead of the model.")
 @click.option(
-    "--values", metavar="NAME", help="Denoise these numbers at the vertices instead: colours, or a PLY's name."
+    "--values", metavar="NAME", help="Denoise these values at the vertices instead: colours, or a PLY property."
 )
 @click.option("--p", type=float, help="Degree of regularity > 0.  [default: 1 for normals and values, 2 for positions]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
@@ -43,28 +43,28 @@ from .terminal import tell
 @click.option(
     "--weights",
     type=click.Choice(MESH_WEIGHTS),
-    help="1, 1/|u-v|, 1/|u-v|^2, or cotangents of the angles across.  [default: 1; for normals by their likeness]",
+    help="1, 1/|u-v|, 1/|u-v|^2, or cotangents of the opposite angles.  [default: 1; for normals by similarity]",
 )
 @click.option("--norm", type=click.Choice(NORMS), default="vertex", show_default=True, help="Gradient norm.")
-@click.option("--fix-border", is_flag=True, help="Vertices on the border of an open mesh stay.")
-@click.option("--max-displacement", type=float, help="No vertex moves further than this.")
+@click.option("--fix-border", is_flag=True, help="Keep the border vertices of an open mesh fixed.")
+@click.option("--max-displacement", type=float, help="Largest displacement of a vertex.")
 @click.option(
     "--simplify",
     is_flag=True,
-    help="Fewer vertices instead of less noise: those that meet for p < 1 become one.  [p: 0.1, lam: 0.001]",
+    help="Remove vertices instead of noise: those that meet for p < 1 are merged.  [p: 0.1, lam: 0.001]",
 )
-@click.option("--n-vertices", type=int, help="Simplify until this many are left.")
+@click.option("--n-vertices", type=int, help="Simplify to this number of vertices.")
 @options.solver
 @click.option(
     "--max-iter",
     type=int,
-    help="Iterations at most.  [default: 30 in each of 3 rounds for normals, 100 for positions, 500 to simplify]",
+    help="Maximum number of iterations.  [default: 30 in each of 3 rounds (normals), 100 (positions), 500 (simplify)]",
 )
 @options.tol
 @options.eps
 @options.backend
 @options.dtype
-@click.option("--reference", type=FILE, help="Clean mesh: errors of normals and vertices, Hausdorff distance.")
+@click.option("--reference", type=FILE, help="Clean mesh: report errors of normals and vertices, Hausdorff distance.")
 @click.option("--picture", type=FILE, help="Picture of the mesh before and after.")
 @click.option(
     "--view",
@@ -86,8 +86,8 @@ def mesh(
 ) -> None:
     """Denoise the triangle mesh IN, or simplify it, and write it to OUT.
 
-    PLY, OBJ, OFF and STL, by extension; colours and numbers at vertices go along where the format has them. With no
-    option the noise is estimated and creases are kept. All files are written, or none; OUT may be IN.
+    The extension gives the format: PLY, OBJ, OFF or STL. Colours and values at vertices are copied if the format has
+    them. By default the noise is estimated and creases are preserved. All files are written, or none; OUT may be IN.
     """
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"

@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import click
 
 
 def examples(*calls: str) -> str:
-    """Calls under a command's help, a line each, which click would run together."""
+    """Return the examples for a command's help, one on each line: click must not join them."""
     return "\n".join(["\b", "Example:" if len(calls) == 1 else "Examples:", *(f"  {call}" for call in calls)])
 
 
@@ -19,42 +19,42 @@ solver = click.option(
     type=click.Choice(["jacobi", "certified"]),
     default="jacobi",
     show_default=True,
-    help="certified: the minimiser, for p >= 1, with a bound on how far off it is.",
+    help="certified: compute the minimiser, for p >= 1, with a bound on its error.",
 )
 tol = click.option(
     "--tol",
     type=float,
-    help="Stop when the largest change is this share of the range; certified: the gap this share of the energy.",
+    help="Stop at this largest change, relative to the range; certified: at this gap, relative to the energy.",
 )
 eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
 backend = click.option(
     "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
 )
 dtype = click.option(
-    "--dtype", type=click.Choice(["float32", "float64"]), help="Type to compute in.  [default: float32]"
+    "--dtype", type=click.Choice(["float32", "float64"]), help="Type of the computation.  [default: float32]"
 )
 axes = click.option(
-    "--axes", help="Letters of a TIFF's axes: T time, Z, Y, X, C channels, such as TZYX.  [default: the file's]"
+    "--axes", help="Letters of a TIFF's axes: T time, Z, Y, X, C channels, such as TZYX.  [default: from the file]"
 )
 each = click.option(
     "--each", type=click.Choice(["T", "Z"]), multiple=True, help="Treat the slices of this axis one by one."
 )
 spacing = click.option(
-    "--spacing", help="Size of a voxel along each axis but C, such as 3,1,1, or the word file.  [default: 1 along each]"
+    "--spacing", help="Size of a voxel along each axis except C, such as 3,1,1, or the word file.  [default: 1]"
 )
-mask = click.option("--mask", type=FILE, help="Picture, nonzero where pixels take part; or a folder of such, by name.")
+mask = click.option("--mask", type=FILE, help="Picture, nonzero at pixels to use; or a folder with files named as IN.")
 as_json = click.option(
     "--json",
     "as_json",
     is_flag=True,
-    help="Report as JSON on standard output; errors stay sentences on standard error.",
+    help="Write the report as JSON to standard output; errors are text on standard error.",
 )
-quiet = click.option("--quiet", is_flag=True, help="Report nothing.")
-progress = click.option("--progress/--no-progress", default=None, help="Progress bar.  [default: on a terminal]")
+quiet = click.option("--quiet", is_flag=True, help="Print no report.")
+progress = click.option("--progress/--no-progress", default=None, help="Show a progress bar.  [default: on a terminal]")
 
 
 def view(text: str) -> tuple[float, float] | str:
-    """Two angles, or the word auto."""
+    """Parse two angles, or the word auto."""
     if text.strip().lower() == "auto":
         return "auto"
     try:

@@ -1,4 +1,4 @@
-"""``gpureg points``: a cloud of points in, one with less noise, or with clusters, out."""
+"""``gpureg points``: denoise or cluster a point cloud."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .terminal import tell
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Words between commas."""
+    """Split a list of names at its commas."""
     names = tuple(word.strip() for word in text.split(","))
     if not all(names):
-        raise click.BadParameter(f"{text!r} is no list of names between commas, such as x,y,z.")
+        raise click.BadParameter(f"{text!r} is not a list of names between commas, such as x,y,z.")
     return names
 
 
@@ -38,18 +38,16 @@ def _names(text: str) -> tuple[str, ...]:
     "--filter",
     type=click.Choice(POINT_FILTERS),
     help="normals: regularize the normals of neighbourhoods and fit the points to them, which keeps creases. "
-    "positions: regularize the points.  [default: normals of points of the plane or of space]",
+    "positions: regularize the points.  [default: normals for 2D and 3D points]",
 )
-@click.option("--values", metavar="NAME", help="Denoise these numbers at the points instead: colours, or a column.")
+@click.option("--values", metavar="NAME", help="Denoise these values at the points instead: colours, or a column.")
+@click.option("--columns", type=_names, metavar="NAMES", help="Coordinate columns of a CSV.  [default: x,y,z or all]")
+@click.option("--cluster", is_flag=True, help="Cluster the points instead: those that meet for p < 1.")
+@click.option("--n-clusters", type=int, help="Number of clusters.  [default: at the widest gap]")
+@click.option("--min-size", type=int, help="Merge smaller clusters with others.  [default: 1 % of the points]")
+@click.option("--k", type=int, help="Number of neighbours of each point.  [default: 8; 10 for clusters]")
 @click.option(
-    "--columns", type=_names, metavar="NAMES", help="Columns of a CSV that are coordinates.  [default: x,y,z or all]"
-)
-@click.option("--cluster", is_flag=True, help="Give each point a cluster instead: those that meet for p < 1.")
-@click.option("--n-clusters", type=int, help="So many clusters.  [default: where the widest gap is]")
-@click.option("--min-size", type=int, help="Smaller clusters are joined to others.  [default: 1 % of the points]")
-@click.option("--k", type=int, help="Neighbours that each point chooses.  [default: 8; 10 for clusters]")
-@click.option(
-    "--update-neighbours", type=int, metavar="N", help="Find the neighbours again every N steps.  [default: never]"
+    "--update-neighbours", type=int, metavar="N", help="Search the neighbours again every N steps.  [default: never]"
 )
 @click.option("--p", type=float, help="Degree of regularity > 0.  [default: 1, 2 for positions, 0.1 for clusters]")
 @click.option("--lam", type=float, help="Fidelity >= 0: larger stays closer to IN.  [default: from the noise]")
@@ -57,17 +55,17 @@ def _names(text: str) -> tuple[str, ...]:
 @click.option(
     "--weights",
     type=click.Choice(WEIGHTS),
-    help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1; for normals by their likeness; for clusters a Gaussian]",
+    help="1, 1/|u-v|, 1/|u-v|^2.  [default: 1; for normals by similarity; for clusters a Gaussian]",
 )
 @click.option("--norm", type=click.Choice(NORMS), default="vertex", show_default=True, help="Gradient norm.")
-@click.option("--max-displacement", type=float, help="No point moves further than this.  [default: 3 sigma]")
+@click.option("--max-displacement", type=float, help="Largest displacement of a point.  [default: 3 sigma]")
 @options.solver
-@click.option("--max-iter", type=int, help="Iterations at most.  [default: 30 in each of 3 rounds for normals]")
+@click.option("--max-iter", type=int, help="Maximum number of iterations.  [default: for normals 30 in each round]")
 @options.tol
 @options.eps
 @options.backend
 @options.dtype
-@click.option("--reference", type=FILE, help="Clean points, or a mesh: distances before and after.")
+@click.option("--reference", type=FILE, help="Clean points, or a mesh: report the distances before and after.")
 @click.option("--picture", type=FILE, help="Picture of the points before and after.")
 @click.option(
     "--view",
@@ -89,8 +87,8 @@ def points(
 ) -> None:
     """Denoise the points IN, or cluster them, and write them to OUT.
 
-    PLY, XYZ, CSV (.csv.gz too) and NPZ, by extension; what else the file says of each point goes along. With no option
-    the noise is estimated and creases are kept. All files are written, or none; OUT may be IN.
+    The extension gives the format: PLY, XYZ, CSV (also .csv.gz) or NPZ. Other columns of the file are copied. By
+    default the noise is estimated and creases are preserved. All files are written, or none; OUT may be IN.
     """
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"

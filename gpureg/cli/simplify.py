@@ -1,4 +1,4 @@
-"""``gpureg simplify``: a picture in, one of few regions out, and its partition."""
+"""``gpureg simplify``: simplify a picture to a few regions, and write its partition."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .group import sentences
 from .options import FILE
 from .terminal import say
 
-# Options that belong to one weight function alone.
+# The options that belong to one weight function only.
 _OPTIONS_OF_WEIGHTS = {"h": "similarity", "sigma_space": "bilateral", "sigma_value": "bilateral"}
 
 
 def _sources(text: str) -> str | int:
-    """The name of a kind of sources, or pixels between seeds."""
+    """Parse the name of a kind of sources, or the distance of seeds in pixels."""
     word = text.strip().lower()
     if word in SOURCES:
         return word
@@ -45,7 +45,7 @@ def _sources(text: str) -> str | int:
         "gpureg simplify photo.png simple.png --labels regions.tif",
         "gpureg simplify photo.png simple.png --smooth 0 --lam 0    # Fig. 4",
     ),
-    short_help="A picture as a few regions.",
+    short_help="Simplify a picture to a few regions.",
 )
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)
@@ -53,35 +53,33 @@ def _sources(text: str) -> str | int:
     "--sources",
     type=_sources,
     metavar=f"{'|'.join(SOURCES)}|STEP",
-    help="Where zones grow from: extrema of the intensity, minima of the gradient, or seeds STEP pixels apart.  "
+    help="What zones grow from: extrema of the intensity, minima of the gradient, or seeds STEP pixels apart.  "
     "[default: extrema]",
 )
 @click.option(
-    "--markers", type=FILE, help="Picture of sources: one for each number above 0. PNG, or TIFF of any whole numbers."
+    "--markers", type=FILE, help="Picture of sources, one for each number above 0. PNG, or TIFF of any integer type."
 )
 @click.option(
     "--smooth",
     type=float,
-    help="Gaussian that sources and zones see the picture through, in pixels.  [default: the least of 0, 0.5, 0.75, 1, "
-    "1.5, 2 that leaves one region to 10 pixels; 0 for seeds and markers]",
+    help="Gaussian that smooths the picture for the partition, in pixels.  [default: the smallest of 0, 0.5, 0.75, 1, "
+    "1.5, 2 with at most one region per 10 pixels; 0 for seeds and markers]",
 )
 @click.option(
     "--metric",
     type=click.Choice(METRICS),
     default="cityblock",
     show_default=True,
-    help="Pixels are neighbours across edges, or across corners too.",
+    help="Pixels are neighbours across edges, or also across corners.",
 )
 @click.option(
     "--compactness",
     type=float,
     default=0.0,
     show_default=True,
-    help="Pixel values that a step costs besides its variation: larger makes rounder zones.",
+    help="Constant cost of a step, in pixel values, added to its variation: larger makes rounder zones.",
 )
-@click.option(
-    "--model", type=click.Choice(MODELS), default="mean", show_default=True, help="What a region is painted with."
-)
+@click.option("--model", type=click.Choice(MODELS), default="mean", show_default=True, help="Value of a region.")
 @click.option(
     "--p",
     type=float,
@@ -92,17 +90,17 @@ def _sources(text: str) -> str | int:
 @click.option(
     "--lam", type=float, default=0.05, show_default=True, help="Fidelity >= 0: larger stays closer to the regions."
 )
-@click.option("--by-size/--no-by-size", help="Whether lam grows with a region's size, so that each pixel counts alike.")
+@click.option("--by-size/--no-by-size", help="Scale lam with a region's size, so that all pixels count equally.")
 @click.option(
     "--weights",
     type=click.Choice([*WEIGHTS, "bilateral"]),
     default="similarity",
     show_default=True,
-    help="Weights between neighbouring regions; the options below belong to them. border: by length.",
+    help="Weights between neighbouring regions; the options below belong to them. border: its length.",
 )
-@click.option("--h", type=float, help="similarity: filtering parameter.  [default: 2 of the median difference]")
-@click.option("--sigma-space", type=float, help="bilateral: reach in pixels, or units of --spacing.")
-@click.option("--sigma-value", type=float, help="bilateral: reach in pixel values.")
+@click.option("--h", type=float, help="similarity: filtering parameter.  [default: twice the median difference]")
+@click.option("--sigma-space", type=float, help="bilateral: spatial scale, in pixels or units of --spacing.")
+@click.option("--sigma-value", type=float, help="bilateral: scale in pixel values.")
 @click.option(
     "--norm",
     type=click.Choice(NORMS),
@@ -111,24 +109,24 @@ def _sources(text: str) -> str | int:
     help="One gradient norm at each region, or one along each edge (anisotropic).",
 )
 @click.option(
-    "--rings", type=int, default=1, show_default=True, help="Regions so many steps apart count as neighbours."
+    "--rings", type=int, default=1, show_default=True, help="Regions up to this number of steps apart are neighbours."
 )
 @options.solver
 @click.option(
-    "--max-iter", type=int, default=30, show_default=True, help="Iterations at most; 0 leaves the regions as they are."
+    "--max-iter", type=int, default=30, show_default=True, help="Maximum number of iterations; 0 changes no region."
 )
 @options.tol
 @options.eps
-@click.option("--merge-tol", type=float, help="Join regions whose final values are at most so far apart.")
+@click.option("--merge-tol", type=float, help="Merge regions whose final values differ by at most this.")
 @options.backend
 @options.dtype
 @options.axes
 @options.each
 @options.spacing
 @options.mask
-@click.option("--labels", type=FILE, help="TIFF for the number of each pixel's region, 0 and up; -1 for none.")
-@click.option("--random-colours", type=FILE, help="Picture for the regions in random colours.")
-@click.option("--fine", type=FILE, help="Picture for the regions before regularization and merging.")
+@click.option("--labels", type=FILE, help="TIFF for the label of each pixel's region, from 0; -1 for none.")
+@click.option("--random-colours", type=FILE, help="File for the regions in random colours.")
+@click.option("--fine", type=FILE, help="File for the regions before regularization and merging.")
 @options.as_json
 @options.quiet
 @options.progress
@@ -140,10 +138,10 @@ def simplify(
     progress: bool | None,
     **given: Any,
 ) -> None:
-    """Cut the picture IN into zones around its extrema, regularize these on their graph, and paint them to OUT.
+    """Divide the picture IN into zones around its extrema, regularize the zones on their graph, and write OUT.
 
-    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is carried through. TIFF stacks are volumes or series, of float
-    values too; pixels that are NaN are left out. All files are written, or none.
+    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is copied. TIFF stacks are volumes or series, also of float
+    values; pixels that are NaN are left out. All files are written, or none.
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
         if given[name] is not None and owner != given["weights"]:

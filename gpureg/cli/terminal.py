@@ -1,4 +1,4 @@
-"""Text and reports on a terminal."""
+"""Print text and reports on a terminal."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import click
 
 
 class Report(Protocol):
-    """What a job did."""
+    """The report of a job."""
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
 
     def lines(self) -> list[str]:
-        """The report for a reader."""
+        """Return the report as lines of text."""
 
 
 def tell(report: Report, as_json: bool, quiet: bool) -> None:
-    """Write a report on standard output, as JSON or in a few lines, or not at all."""
+    """Print a report to standard output as JSON or as text, unless `quiet`."""
     if as_json:
         click.echo(json.dumps(report.as_json(), indent=2))
     elif not quiet:
@@ -31,7 +31,7 @@ def tell(report: Report, as_json: bool, quiet: bool) -> None:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Write text, its lines broken under their last column where a terminal would break them anywhere."""
+    """Print text; on a terminal wrap long lines, and indent the rest of a line to its last column."""
     if (sys.stderr if err else sys.stdout).isatty():
         width = shutil.get_terminal_size().columns - 1
         lines = []

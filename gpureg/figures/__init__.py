@@ -1,6 +1,6 @@
-"""The figures of the paper, drawn again: a file each, on the reader's own picture, mesh or curve where there is one.
+"""The figures of the paper, drawn from the user's own picture, mesh or curve, or from default inputs.
 
-Each ``figN.py`` has a function ``draw(inputs)`` that gives a :class:`Drawn`; ``gpureg figures DIR`` writes them.
+Each ``figN.py`` has a function ``draw(inputs)`` that returns a :class:`Drawn`; ``gpureg figures DIR`` writes them.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ FIGURES: dict[int, Callable[[Inputs], Drawn]] = {
 
 
 def draw_figures(folder: Path, inputs: Inputs, only: Iterable[int] = ()) -> Iterator[tuple[Drawn, Path, float]]:
-    """Draw figures into a folder, one after the other: what each is, its file, and its seconds.
+    """Draw figures into a folder, and yield each with its file and the seconds it took.
 
-    ``figN.png`` and the numbers it shows, ``figN.json``, are written together, or neither.
+    ``figN.png`` and its numbers, ``figN.json``, are both written, or neither.
 
     Raises
     ------
     ValueError
-        A number that is no figure's.
+        A figure with this number does not exist.
     OSError
-        Files that cannot be read or written.
+        A file cannot be read or written.
     ImportError
         matplotlib or scikit-image is not installed.
     """
     import time
 
-    levelling.runs.cache_clear()  # a file may have changed since
+    levelling.runs.cache_clear()  # a file may have changed
     wanted = sorted(set(only)) or list(FIGURES)
     for k in wanted:
         if k not in FIGURES:

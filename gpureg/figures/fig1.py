@@ -1,4 +1,4 @@
-"""Figure 1: local, semilocal and nonlocal smoothing for p from 2 to 0.01, and total variation until convergence."""
+"""Figure 1: local, semilocal and nonlocal smoothing for p from 2 to 0.01, and total variation to convergence."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .inputs import Inputs
 from .levelling import DEGREES, GRAPHS, ITERATIONS, SIDES, WEIGHTS, Run, count, grid_of, numbers, runs
 from .sheet import Drawn, Panel, caption, show, write_below
 
-# Fidelity of (b) and (c), per grey level, the tolerance that is taken for convergence, and the sweeps allowed for it.
+# Fidelity of (b) and (c), per grey level, the tolerance of convergence, and the maximum number of iterations.
 LAM, TOLERANCE, MOST = 0.02, 1e-6, 20000
-# The edges that count as discontinuities: this share, the steepest.
+# Share of the edges, the steepest ones, that count as discontinuities.
 STEEP = 0.02
 
 
 def total_variation(picture: FloatArray, backend: str) -> list[Run]:
-    """(b) and (c): p = 1 on G_0 without and with weights, the same fidelity."""
+    """Compute (b) and (c): p = 1 on G_0 without and with weights, with the same fidelity."""
     done = []
     for name, weights in (("G_0", None), ("G_0, w_1", bilateral(4, 20))):
         result = regularize(
@@ -33,16 +33,16 @@ def total_variation(picture: FloatArray, backend: str) -> list[Run]:
 
 
 def contrast_kept(value: FloatArray, picture: FloatArray) -> float:
-    """How much of the picture's steepest differences between neighbours is left, over their sum."""
+    """Compute the share of the picture's steepest differences between neighbours that is left."""
     before = np.concatenate([np.diff(picture, axis=axis).ravel() for axis in (0, 1)])
     after = np.concatenate([np.diff(value, axis=axis).ravel() for axis in (0, 1)])
     steep = np.abs(before) >= np.quantile(np.abs(before), 1 - STEEP)
-    # what has turned round counts against it
+    # differences of the other sign are subtracted
     return float((after * np.sign(before))[steep].sum() / np.abs(before)[steep].sum())
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     picture = inputs.grey(SIDES[inputs.quick])
     shown, variation = runs(inputs), total_variation(picture.pixels, inputs.backend)
     kept = [contrast_kept(run.value, picture.pixels) for run in variation]
@@ -62,7 +62,7 @@ def draw(inputs: Inputs) -> Drawn:
     columns, (height, width) = len(DEGREES), picture.pixels.shape
     tall = 2.3 * height / max(height, width) + 0.45
     figure = new_figure(2.5 * columns + 0.4, tall * (1 + len(GRAPHS)) + 1.1, "constrained")
-    # by themselves, so that the numbers at the axis of the counts do not move the pictures below
+    # separate subfigures, so that the tick labels of the counts do not move the pictures below
     halves: Any = figure.subfigures(2, 1, height_ratios=(1, len(GRAPHS)))
     above, below = halves
     grid = above.add_gridspec(1, columns)
@@ -89,7 +89,7 @@ def _zones(shown: list[Run], graph: str, p: float) -> int:
 
 
 def _counts(axes: Any, shown: list[Run]) -> None:
-    """Flat zones and main levels against p."""
+    """Plot the numbers of flat zones and main levels against p."""
     for name, line, what in (("flat_zones", "-", "flat zones"), ("main_levels", "--", "levels of 95 % of the pixels")):
         for k, graph in enumerate(GRAPHS):
             counted = [getattr(run.counts, name) for run in shown if run.graph == graph]

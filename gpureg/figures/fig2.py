@@ -10,10 +10,10 @@ from .sheet import Drawn, Panel, caption, pictures
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     shown = [run for run in runs(inputs) if run.p < 1]
     columns = len(shown) // len(GRAPHS)
-    # neighbouring levels get colours that are far apart
+    # random colours, so that neighbouring levels differ
     palette = np.random.default_rng(0).integers(40, 256, (256, 3)).astype(np.float64)
     panels = [
         Panel(

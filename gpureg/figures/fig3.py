@@ -1,4 +1,4 @@
-"""Figure 3: a colour picture denoised by nonlocal regularization with p = 0.7, beside p = 2 and a local graph."""
+"""Figure 3: a colour picture denoised by nonlocal regularization, p = 0.7, compared with p = 2 and a local graph."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .sheet import Drawn, Panel, caption, pictures, psnr
 
 # What the paper gives.
 P, LAM, ITERATIONS = 0.7, 0.01, 4
-# What it leaves open: the noise, of 255, the window and the patches.
+# What it does not give: the noise, of 255, the radius of the window and that of the patches.
 SIGMA, WINDOW, PATCH = 20.0, 7, 2
-# h of the weights, as a share of what noise alone makes of the distance of two patches: what noise makes is
-# subtracted, and such a share of it gives the best PSNR of 0.1, 0.2, 0.3 and 0.45.
+# h of the weights, as a share of the distance of two patches of noise, which is subtracted from all distances; of
+# 0.1, 0.2, 0.3 and 0.45 this share gives the best PSNR.
 REACH = 0.3
 SIDES = {False: 320, True: 128}
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     clean = inputs.colour(SIDES[inputs.quick])
     if inputs.noise:
         noise = np.random.default_rng(3).normal(0, SIGMA, clean.pixels.shape)
@@ -85,7 +85,7 @@ def draw(inputs: Inputs) -> Drawn:
         )
     else:
         see = f"Where p = 2 and p = {P} differ: edges, and fine texture."
-    # an even number of panels in two rows
+    # the panels in two rows
     across = -(-len(panels) // 2)
     sheet = pictures([panels[:across], panels[across:]], caption(title, settings, see))
     return Drawn(title, settings, see, numbers, sheet)

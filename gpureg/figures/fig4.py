@@ -8,16 +8,16 @@ from ..regions.simplify import simplify_image
 from .inputs import Inputs
 from .sheet import Drawn, Panel, caption, pictures, psnr
 
-# Longer sides of the picture: in full, and quickly.
+# Longer side of the picture, without and with `quick`.
 SIDES = {False: 512, True: 128}
 ITERATIONS = 30
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.grey(SIDES[inputs.quick])
     picture = source.pixels.astype(np.uint8)
-    # the paper's process is without a fidelity in its image part: eq. 25 with lam = 0
+    # eq. 25 with lam = 0, as the paper simplifies images without a fidelity
     found = simplify_image(picture, p=2, lam=0, weights="similarity", max_iter=ITERATIONS, backend=inputs.backend)
     change = np.abs(found.value.astype(float) - found.fine)
     again = simplify_image(found.value, max_iter=0, smooth=0, backend=inputs.backend)

@@ -1,4 +1,4 @@
-"""Figure 5: a polygon, its vertices regularized with p = 2, w = 1: it shrinks without the fit term, not with it."""
+"""Figure 5: a polygon, its vertices regularized with p = 2, w = 1; it shrinks only without the fit term."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..solvers import Jacobi
 from .inputs import Inputs
 from .sheet import Drawn, caption, share
 
-# Iterations without fit term and with it, as in the paper, and the fidelity, which it leaves open.
+# Iterations without and with the fit term, as in the paper, and the fidelity, which the paper does not give.
 FREE, FITTED, LAM = 30, 100, 4.0
-# Noise, in segments, and vertices at most, so that they can be seen.
+# Noise, in segments, and the maximum number of vertices, so that they are visible.
 NOISE, VERTICES = 0.25, 80
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.outline()
     polygon = source.points[:: -(-len(source.points) // VERTICES)]
     segment = metrics.curve_length(polygon) / len(polygon)

@@ -17,14 +17,14 @@ from .inputs import Inputs, Pair
 from .sheet import Drawn, caption, share
 
 ITERATIONS = 8
-# Noise along the normals, in mean edges.
+# Noise along the normals, in units of the mean edge.
 NOISE = 0.2
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.surface(cad=False)
-    # an STL repeats each vertex in each of its faces
+    # an STL stores the vertices of each face separately
     surface, _ = surface_of(source.mesh).welded()
     mesh: Pair = (surface.vertices, surface.faces)
     edge = mean_edge(mesh)
@@ -33,7 +33,7 @@ def draw(inputs: Inputs) -> Drawn:
         noise = np.random.default_rng(6).normal(0, NOISE * edge, (len(mesh[0]), 1))
         mesh = (mesh[0] + noise * vertex_normals(*mesh), mesh[1])
     drawn |= {"noisy": mesh}
-    # the door's rule for weights of 1, in the unit of these; no noise counts as a thousandth of an edge
+    # the rule of denoise_mesh for weights of 1, in the unit of these weights; noise of at least 0.001 edges
     fit = 0.5 / max(estimate_mesh_noise(mesh) / edge, 1e-3) / edge**2
     for name, lam in (("lam = 0", 0.0), ("with the fit term", fit)):
         drawn[name] = denoise_mesh(
@@ -72,6 +72,6 @@ def draw(inputs: Inputs) -> Drawn:
 
 
 def mean_edge(mesh: Pair) -> float:
-    """The mean length of the edges."""
+    """Compute the mean length of the edges."""
     graph = mesh_graph(*mesh)
     return float(np.linalg.norm(mesh[0][graph.edge_rows()] - mesh[0][graph.indices], axis=1).mean())

@@ -1,4 +1,4 @@
-"""Figure 7: a polygon whose vertices aggregate as p falls below 1: above the vertices, below the polygons."""
+"""Figure 7: a polygon whose vertices meet as p falls below 1; the vertices above, the polygons below."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .inputs import Inputs
 from .sheet import Drawn, caption, share, write_below
 
 DEGREES = (1.0, 0.5, 0.1)
-# Fidelity and smoothing where the mean segment is the unit of length, and the iterations allowed; vertices closer than
-# MET have met.
+# Fidelity and eps in the unit of the mean segment, the maximum number of iterations, the tolerance, and the distance
+# below which vertices have met.
 LAM, EPS, MOST, TOLERANCE, MET = 0.001, 1e-3, 4000, 1e-7, 0.05
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.coast()
     polygon = source.points
     drawn: dict[str, FloatArray] = {"initial": polygon}
@@ -71,7 +71,7 @@ def draw(inputs: Inputs) -> Drawn:
 
 
 def _met(points: FloatArray, label: npt.NDArray[Any]) -> FloatArray:
-    """One point, the mean, for each run of vertices that have met, in the order of the polygon."""
+    """Return the mean (k, 2) of each set of vertices that have met, in the order of the polygon."""
     first = np.sort(np.unique(label, return_index=True)[1])
     sums = [np.bincount(label, weights=x) for x in points.T]
     means: FloatArray = np.stack(sums, axis=1) / np.bincount(label)[:, None]
@@ -80,7 +80,7 @@ def _met(points: FloatArray, label: npt.NDArray[Any]) -> FloatArray:
 
 
 def douglas_peucker(points: Any, count: int) -> Any:
-    """scikit-image's, with the tolerance that leaves so many vertices, or the next fewer."""
+    """Simplify with scikit-image to `count` vertices, or to the largest possible number below."""
     from skimage.measure import approximate_polygon
 
     closed = np.concatenate([points, points[:1]])
@@ -92,7 +92,7 @@ def douglas_peucker(points: Any, count: int) -> Any:
 
 
 def measured(points: Any, before: Any) -> dict[str, float]:
-    """What was kept."""
+    """Compare a simplified curve (k, 2) with the curve (n, 2) before."""
     return {
         "vertices": len(points),
         "share of the vertices": round(len(points) / len(before), 4),
@@ -102,7 +102,7 @@ def measured(points: Any, before: Any) -> dict[str, float]:
 
 
 def _sheet(drawn: dict[str, FloatArray], places: dict[str, FloatArray], upright: bool, words: str) -> Any:
-    """Two rows: the vertices, and the polygons through the places that are left."""
+    """Draw two rows: the vertices, and the polygons through the places where they met."""
     figure = new_figure(3.2 * len(drawn), 7.6, "constrained")
     every = next(iter(drawn.values()))
     low, high = every.min(axis=0), every.max(axis=0)

@@ -1,4 +1,4 @@
-"""Figure 8: a surface simplified by p < 1, to convergence: vertices that meet become one."""
+"""Figure 8: a surface simplified with p < 1, to convergence; vertices that meet are merged."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ P, LAM = 0.1, 0.001
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.surface(cad=True)
-    # an STL repeats each vertex in each of its faces
+    # an STL stores the vertices of each face separately
     surface, _ = surface_of(source.mesh).welded()
     first = (surface.vertices, surface.faces)
     edge = mean_edge(first)

@@ -17,13 +17,13 @@ ITERATIONS, LAM = 10, 0.1
 
 
 def draw(inputs: Inputs) -> Drawn:
-    """The figure and its numbers."""
+    """Draw the figure, and return it with its numbers."""
     source = inputs.outline()
     found = simplify_skeleton(source.points, lam=LAM, max_iter=ITERATIONS, backend=inputs.backend)
     numbers: dict[str, Any] = {
         "polygon": source.name, "vertices": len(source.points), "iterations": ITERATIONS, "lam": LAM
     }  # fmt: skip
-    # the polygon by itself: a skeleton without an edge
+    # the polygon alone: a skeleton without edges
     bare = replace(
         found.before,
         graph=Graph(np.zeros(2, int), np.zeros(0, int), None, found.before.positions[:1]),

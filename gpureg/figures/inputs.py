@@ -1,4 +1,4 @@
-"""What the figures are drawn of: the reader's files, or what comes with scikit-image or is made."""
+"""The inputs of the figures: the user's files, or pictures of scikit-image and generated shapes."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from . import made
 
 Pair = tuple[FloatArray, IntArray]
 
-# The least height and width of a reader's picture.
+# The smallest height and width of a picture.
 _LEAST = 32
 
 
 class Image(NamedTuple):
-    """A picture, 0 to 255: (H, W), or (H, W, 3) in colour."""
+    """A picture with values from 0 to 255: (H, W), or (H, W, 3) in colour."""
 
     name: str
     pixels: FloatArray
 
 
 class Mesh(NamedTuple):
-    """A mesh."""
+    """A mesh (vertices, faces)."""
 
     name: str
     mesh: Pair
 
 
 class Curve(NamedTuple):
-    """A closed curve, and whether its y points up."""
+    """A closed curve (n, 2), and whether its y axis points up."""
 
     name: str
     points: FloatArray
@@ -46,20 +46,20 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Inputs:
-    """What to draw the figures of, and how.
+    """The inputs and options of the figures.
 
     Attributes
     ----------
     image : Path, optional
-        A picture for figures 1 to 4. None: scikit-image's camera, and its astronaut for figure 3.
+        Picture for figures 1 to 4. The default is scikit-image's camera, and its astronaut for figure 3.
     mesh : Path, optional
-        A mesh for figures 6 and 8. None: made ones.
+        Mesh for figures 6 and 8. The default is generated meshes.
     curve : Path, optional
-        Curves for figures 5, 7 and 9; the first closed one is taken. None: scikit-image's horse, and a made coast.
+        Figures 5, 7 and 9 use its first closed curve. The default is scikit-image's horse, and a generated coast.
     noise : bool, default True
-        Figures 3, 5 and 6 add noise to what is given; False takes it as it is: noisy.
+        Whether figures 3, 5 and 6 add noise to the input. False if the input is noisy itself.
     quick : bool, default False
-        Smaller pictures and made shapes: all figures within a minute.
+        Use smaller pictures and shapes: all figures within a minute.
     backend : str, default "auto"
         As in :func:`gpureg.regularize`.
     """
@@ -72,7 +72,7 @@ class Inputs:
     backend: str = "auto"
 
     def grey(self, side: int) -> Image:
-        """The picture in grey, so many pixels along its longer side at most."""
+        """Return the picture in grey, with at most `side` pixels along its longer side."""
         if self.image is None:
             from skimage import data
 
@@ -85,7 +85,7 @@ class Inputs:
         return _reduced(*image, side)
 
     def colour(self, side: int) -> Image:
-        """The picture in colour where it has any."""
+        """Return the picture, in colour if it has colours, with at most `side` pixels along its longer side."""
         if self.image is None:
             from skimage import data
 
@@ -94,7 +94,7 @@ class Inputs:
         return _reduced(*self._image(self.image), side)
 
     def surface(self, cad: bool) -> Mesh:
-        """The mesh, or a made one: of a machine part, or of an animal."""
+        """Return the mesh, or a generated one: a machine part if `cad`, otherwise an animal."""
         if self.mesh is not None:
             read = read_mesh(self.mesh)
             return Mesh(self.mesh.name, (read.vertices, read.faces))
@@ -103,7 +103,7 @@ class Inputs:
         return Mesh("a made animal", made.animal(14 if self.quick else 36))
 
     def outline(self) -> Curve:
-        """The curve, or the outline of scikit-image's horse."""
+        """Return the curve, or the outline of scikit-image's horse."""
         if self.curve is not None:
             return self._closed(self.curve)
         from skimage import data
@@ -113,7 +113,7 @@ class Inputs:
         return Curve("the outline of scikit-image's horse", np.array(outline[:: 4 if self.quick else 1]), False)
 
     def coast(self) -> Curve:
-        """The curve, or a made coast."""
+        """Return the curve, or a generated coast."""
         if self.curve is not None:
             return self._closed(self.curve)
         return Curve("a made coast", made.coast(300 if self.quick else 600), True)
@@ -121,12 +121,12 @@ class Inputs:
     def _image(self, path: Path) -> Image:
         picture = read_picture(path)
         if picture.pixels.ndim - ("C" in picture.axes) != 2:
-            raise PictureError(f"{path}: the figures are of pictures, not of the axes {picture.axes}")
+            raise PictureError(f"{path}: the figures need a picture with the axes YX, got {picture.axes}")
         pixels = _to_255(picture, path)
         if min(pixels.shape[:2]) < _LEAST:
             raise PictureError(f"{path}: the figures need {_LEAST} x {_LEAST} pixels and more, got {pixels.shape[:2]}")
         if pixels.min() == pixels.max():
-            raise PictureError(f"{path}: all of its pixels are {pixels.min():g} of 255: there is nothing to see in it")
+            raise PictureError(f"{path}: all pixels have the value {pixels.min():g} of 255, there is nothing to see")
         return Image(path.name, pixels)
 
     def _closed(self, path: Path) -> Curve:
@@ -134,11 +134,11 @@ class Inputs:
         for curve in read.curves:
             if curve.closed and curve.points.shape[1] == 2:
                 return Curve(path.name, curve.points, path.suffix.lower() != ".svg")
-        raise CurveError(f"{path}: the figures are of a closed curve of the plane, of which there is none")
+        raise CurveError(f"{path}: the figures need a closed curve in the plane, and there is none")
 
 
 def _to_255(picture: Picture, path: Path) -> FloatArray:
-    """Pixels from 0 to 255, the unit of the figures' parameters: integers by their type, others by their span."""
+    """Scale pixels to 0 to 255, as the parameters need: integers by the limits of their type, others by their range."""
     pixels: npt.NDArray[Any] = np.moveaxis(picture.pixels, picture.axes.index("C"), -1) if "C" in picture.axes else (
         picture.pixels
     )  # fmt: skip
@@ -155,7 +155,7 @@ def _to_255(picture: Picture, path: Path) -> FloatArray:
 
 
 def _reduced(name: str, pixels: FloatArray, side: int) -> Image:
-    """Reduced by means over its pixels to `side` along the longer axis, rounded as a file would be."""
+    """Reduce to `side` pixels along the longer axis by local means, and round to integers as in a file."""
     longest = max(pixels.shape[:2])
     if longest > side:
         from skimage.transform import resize_local_mean

@@ -1,12 +1,12 @@
-"""The runs that figures 1 and 2 show: a picture smoothed without a fidelity, by p from 2 to 0.01 on three graphs.
+"""The runs of figures 1 and 2: a picture smoothed without a fidelity, for p from 2 to 0.01 on three graphs.
 
-The paper gives the graphs, the weights, lam = 0 and the 800 iterations, not the parameters of the weights nor eps
-(eq. 15): those are chosen here, once for all runs.
+The paper gives the graphs, the weights, lam = 0 and the 800 iterations. It does not give the parameters of the weights
+and eps (eq. 15): they are chosen here, the same for all runs.
 
-Flat zones become fewer with every step of p on every graph, and fewer levels make up 95 percent of the picture (by a
-few levels more or less below p = 0.3). The plain count of levels falls clearly in a small picture, 128 x 128 or less.
-At 256 x 256 about a thousand zones and more are left, room for all 256 levels: on G_8 most of these belong to zones of
-fewer than 16 pixels, details that p = 2 averages away, and the extremes with them.
+As p falls, the number of flat zones falls on every graph, and so does the number of levels that cover 95 percent of
+the picture (within a few levels below p = 0.3). The number of all levels falls clearly only in pictures of 128 x 128
+or less: at 256 x 256 about a thousand or more zones are left, enough for all 256 levels. On G_8 most levels belong to
+zones of fewer than 16 pixels: details that p = 2 averages away, with the extreme levels.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from .inputs import Inputs
 
 DEGREES = (2.0, 1.0, 0.7, 0.3, 0.1, 0.01)
 ITERATIONS = 800
-# Below eps a gradient counts as none: a hundredth of the range of 8 bits. With a tenth of that, 800 sweeps do not do
-# on G_0: at 128 x 128 p = 0.01 leaves more flat zones than p = 0.1 (399, 374).
+# Gradients below eps count as zero: 0.01 of the range of 8 bits. With 0.001, 800 iterations are too few on G_0: at
+# 128 x 128 p = 0.01 leaves more flat zones than p = 0.1 (399, 374).
 EPS = 2.55
 # The name of each graph in the figures, and its weights.
 GRAPHS: dict[str, Weights | None] = {
@@ -37,22 +37,22 @@ GRAPHS: dict[str, Weights | None] = {
     "G_8, w_2^5": patch(5, 20, patch_sigma=2),
 }
 WEIGHTS = "w_1: distances of 4 pixels and 20 grey levels; w_2^5: 11 x 11 patches, h = 20, a = 2"
-# Longer sides of the picture: in full, and quickly.
+# Longer side of the picture, without and with `quick`.
 SIDES = {False: 256, True: 72}
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How many grey levels a picture has, once it is rounded to 8 bits.
+    """The numbers of grey levels and flat zones of a picture that is rounded to 8 bits.
 
     Attributes
     ----------
     levels : int
-        Distinct levels.
+        Number of different levels.
     main_levels : int
-        The fewest levels that make up 95 percent of the pixels.
+        Smallest number of levels that cover 95 percent of the pixels.
     flat_zones : int
-        Connected sets of pixels of one level, by 4-adjacency.
+        Number of connected sets of pixels of one level, by 4-adjacency.
     """
 
     levels: int
@@ -62,7 +62,7 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One panel."""
+    """A run of the model, shown in one panel; `value` is (H, W)."""
 
     graph: str
     p: float
@@ -71,18 +71,18 @@ class Run:
     result: Result
 
     def numbers(self) -> dict[str, Any]:
-        """What the JSON says of it."""
+        """Return the numbers of the run for JSON."""
         about = {"graph": self.graph, "p": self.p, **asdict(self.counts), "iterations": self.result.iterations}
         return about | {"eps": self.result.eps, "seconds": round(self.result.seconds, 3), "method": self.result.method}
 
 
 def grid_of(graph: str, shape: tuple[int, ...]) -> GridGraph:
-    """The grid of a graph of `GRAPHS`."""
+    """Return the grid of a graph of `GRAPHS`."""
     return GridGraph(shape, 1, "cityblock") if graph == "G_0" else GridGraph(shape, 8)
 
 
 def count(value: npt.NDArray[Any]) -> Counts:
-    """Grey levels of a picture."""
+    """Count the grey levels and flat zones of a picture (H, W)."""
     from skimage.measure import label
 
     levels = np.rint(value).astype(np.int64)
@@ -95,7 +95,7 @@ def count(value: npt.NDArray[Any]) -> Counts:
 def smoothed(
     picture: FloatArray, backend: str, iterations: int = ITERATIONS, degrees: tuple[float, ...] = DEGREES
 ) -> list[Run]:
-    """A picture smoothed on each graph by each p."""
+    """Smooth a picture (H, W) on each graph with each p."""
     done = []
     for graph, weights in GRAPHS.items():
         for p in degrees:
@@ -109,12 +109,12 @@ def smoothed(
 
 @functools.lru_cache(maxsize=1)
 def runs(inputs: Inputs) -> list[Run]:
-    """The picture smoothed on each graph by each p, kept for the next figure."""
+    """Smooth the picture on each graph with each p; the result is cached for the next figure."""
     return smoothed(inputs.grey(SIDES[inputs.quick]).pixels, inputs.backend)
 
 
 def numbers(inputs: Inputs, shown: list[Run]) -> dict[str, Any]:
-    """What the JSON of a figure says: the runs it shows."""
+    """Return the numbers of a figure and its runs for JSON."""
     picture = inputs.grey(SIDES[inputs.quick])
     return {
         "picture": picture.name,

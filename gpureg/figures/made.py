@@ -1,4 +1,4 @@
-"""Shapes that stand in where the reader has no file: the paper's are not free."""
+"""Generated shapes, the default inputs of the figures, as the shapes of the paper are not free."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 
-# Ellipsoids that make an animal: middles and half axes, x to the side, y up, z to the front.
+# Ellipsoids of an animal: centres and half axes, x to the side, y up, z to the front.
 _BALLS = (
     ((0, 0, 0), (0.75, 0.7, 1.0)),  # body
     ((0, -0.15, -0.35), (0.85, 0.7, 0.7)),  # hips
@@ -18,12 +18,12 @@ _BALLS = (
     ((-0.5, -0.65, 0.3), (0.25, 0.18, 0.6)),
     ((0, 0.1, -1.1), (0.27, 0.27, 0.27)),  # tail
 )
-# How sharply they are joined: larger leaves deeper folds between them.
+# Sharpness of their union: larger gives deeper folds between them.
 _SHARP = 12.0
 
 
 def animal(side: int) -> tuple[FloatArray, IntArray]:
-    """A closed smooth surface with thin parts, like the bunny of the paper; `side` voxels along a unit."""
+    """Generate a closed smooth surface with thin parts, like the bunny of the paper; `side` voxels per unit."""
     from skimage.measure import marching_cubes
 
     from ..meshes.denoise import denoise_mesh
@@ -33,7 +33,7 @@ def animal(side: int) -> tuple[FloatArray, IntArray]:
     count = np.round((high - low) * side).astype(int)
     axes = np.meshgrid(*(np.linspace(a, b, n) for a, b, n in zip(low, high, count, strict=True)), indexing="ij")
     x = np.stack(axes, axis=-1)
-    # exp(-k d) of the distance to each ellipsoid, roughly, summed: a smooth union
+    # a smooth union: the sum of exp(-k d) over the ellipsoids, d the approximate distance
     total = np.zeros(x.shape[:3])
     for middle, half in _BALLS:
         radii = np.asarray(half)
@@ -41,7 +41,7 @@ def animal(side: int) -> tuple[FloatArray, IntArray]:
         total += np.exp(-_SHARP * (r - 1) * radii.min())
     step = (high - low) / (count - 1)
     vertices, faces, _, _ = marching_cubes(np.log(total), 0.0, spacing=tuple(step))
-    # two sweeps towards the mean of the neighbours: marching cubes leaves slivers, whose edges are of no length
+    # two iterations of the mean of the neighbours remove slivers of marching cubes, with edges of almost no length
     mesh = (vertices.astype(np.float64) + low, faces[:, ::-1].astype(np.int64))
     found: tuple[FloatArray, IntArray] = denoise_mesh(
         mesh, filter="positions", lam=0, max_iter=2, tol=None, solver=Jacobi(damping=1), backend="numpy"
@@ -50,7 +50,7 @@ def animal(side: int) -> tuple[FloatArray, IntArray]:
 
 
 def bracket(cells: int) -> tuple[FloatArray, IntArray]:
-    """A machine part with creases and a hole, `cells` squares along its shortest side, two triangles each."""
+    """Generate a machine part with creases and a hole, `cells` squares of two triangles along its shortest side."""
     n = cells
     solid = np.zeros((4 * n, 3 * n, 2 * n), bool)
     solid[:, :n] = True
@@ -60,11 +60,11 @@ def bracket(cells: int) -> tuple[FloatArray, IntArray]:
 
 
 def _skin(solid: npt.NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
-    """The surface of voxels, its triangles turned outwards, vertices that are the same merged."""
+    """Return the surface of voxels (x, y, z): vertices (n, 3) without duplicates, faces (m, 3) oriented outwards."""
     padded = np.pad(solid, 1)
     quads = []
     for axis in range(3):
-        # the two other axes in the order in which a quad turns left as seen from the end of this one
+        # the two other axes, in the order that makes a quad counterclockwise seen from the end of this one
         unit = np.eye(3, dtype=int)
         a, b = unit[(axis + 1) % 3], unit[(axis + 2) % 3]
         for outwards in (1, -1):
@@ -79,7 +79,7 @@ def _skin(solid: npt.NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
 
 
 def coast(n: int) -> FloatArray:
-    """A closed curve of n vertices with waves of every length, like a coast."""
+    """Generate a closed curve (n, 2) with waves of several lengths, like a coast."""
     random = np.random.default_rng(7)
     angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
     waves = np.zeros(n)

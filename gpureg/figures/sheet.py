@@ -1,4 +1,4 @@
-"""What the figures share: their words and numbers, and a sheet of pictures."""
+"""The common parts of the figures: captions, numbers, and a sheet of pictures."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Letters of a caption that an inch holds.
+# Letters of a caption per inch.
 _LETTERS = 13
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A figure.
+    """A figure with its caption and numbers.
 
     Attributes
     ----------
     title : str
-        Its number and what it is of.
+        Number and subject of the figure.
     settings : str
-        What the paper gives and what it leaves open: graph, weights, p, lam, iterations.
+        Graph, weights, p, lam and iterations, and which of them the paper gives.
     see : str
-        What to see, with the numbers that say so.
+        Description of the result, with numbers.
     numbers : dict
-        All numbers, as JSON holds them.
+        All numbers, for JSON.
     figure : matplotlib.figure.Figure
     """
 
@@ -47,7 +47,7 @@ class Drawn:
     figure: Figure
 
     def write(self, path: Path) -> None:
-        """Write the picture, and the words and numbers beside it as JSON; both or none."""
+        """Write the picture, and the caption and numbers as JSON with the same name; both or none."""
         words = {"title": self.title, "settings": self.settings, "see": self.see}
         text = json.dumps(_finite(words | self.numbers), indent=1, allow_nan=False) + "\n"
         write_files(
@@ -59,7 +59,7 @@ class Drawn:
 
 
 def _finite(value: Any) -> Any:
-    """The same with null in the place of numbers that JSON has not: NaN and infinity."""
+    """Replace NaN and infinity, which JSON does not have, by None."""
     if isinstance(value, dict):
         return {key: _finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -68,19 +68,19 @@ def _finite(value: Any) -> Any:
 
 
 def caption(title: str, settings: str, see: str) -> str:
-    """The lines under a figure."""
+    """Join the lines of a caption."""
     return f"{title}\n{settings}\n{see}"
 
 
 class Panel(NamedTuple):
-    """A picture of a sheet: grey from 0 to 255, or red, green and blue."""
+    """A picture of a sheet: grey (H, W), or colour (H, W, 3), from 0 to 255."""
 
     title: str
     picture: npt.NDArray[Any]
 
 
 def write_below(figure: Figure, words: str) -> None:
-    """A caption below what is drawn; the layout leaves it room."""
+    """Write a caption below the figure; the layout makes room for it."""
     across = int(figure.get_size_inches()[0] * _LETTERS)
     lines = [line for paragraph in words.splitlines() for line in textwrap.wrap(paragraph, across)]
     layout: Any = figure.get_layout_engine()
@@ -89,7 +89,7 @@ def write_below(figure: Figure, words: str) -> None:
 
 
 def show(axes: Axes, panel: Panel) -> None:
-    """Draw a picture into axes."""
+    """Draw a picture in axes."""
     picture = panel.picture
     if picture.ndim == 3:
         picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
@@ -100,7 +100,7 @@ def show(axes: Axes, panel: Panel) -> None:
 
 
 def pictures(rows: Sequence[Sequence[Panel]], words: str, names: Sequence[str] = ()) -> Figure:
-    """A sheet of pictures of one shape, in rows that may have names, with a caption below."""
+    """Draw pictures of one shape in rows, which may have names, with a caption below."""
     columns = max(map(len, rows))
     height, width = rows[0][0].picture.shape[:2]
     side = 3.0 if columns > 3 else 3.9
@@ -122,12 +122,12 @@ def pictures(rows: Sequence[Sequence[Panel]], words: str, names: Sequence[str] =
 
 
 def share(part: float, whole: float, digits: int = 4) -> float:
-    """A part of a whole, rounded; NaN where the whole is nothing, as the area of an eight or the volume of a sheet."""
+    """Return part / whole, rounded; NaN if the whole is 0, such as the volume of a flat sheet."""
     return round(part / whole, digits) if whole else float("nan")
 
 
 def psnr(picture: npt.NDArray[Any], truth: npt.NDArray[Any]) -> float:
-    """Peak signal-to-noise ratio in dB, the peak 255."""
+    """Compute the peak signal-to-noise ratio in dB, for a peak of 255."""
     from skimage.metrics import peak_signal_noise_ratio
 
     return round(

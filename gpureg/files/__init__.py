@@ -1,1 +1,1 @@
-"""Picture files and text tables; this room knows no graph."""
+"""Read and write picture files and text tables; nothing here uses graphs."""

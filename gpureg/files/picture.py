@@ -1,4 +1,4 @@
-"""What a picture is between a file and the work: values, the letters of their axes, and what the file says besides."""
+"""A picture of a file: its values, the letters of its axes, and its metadata."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ AXES = "TZYXC"
 
 
 class PictureError(OSError):
-    """A picture that cannot be read or written; the message says which and why."""
+    """A picture cannot be read or written; the message says which and why."""
 
 
 class AxesError(ValueError):
-    """Letters of axes that are none, or not those of a file."""
+    """Letters of axes are wrong, or do not fit the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tags:
-    """What a TIFF file says of its values, to be written again.
+    """The metadata of a TIFF file, to be written again.
 
     Attributes
     ----------
     kind : {"plain", "shaped", "imagej", "ome"}
-        Whose words: a TIFF's own tags alone, tifffile's JSON, ImageJ's, or OME-XML.
+        Format of the metadata: only TIFF tags, tifffile's JSON, ImageJ's, or OME-XML.
     named : bool
-        Whether the letters of the axes come from the file or the caller, and are no guess.
+        Whether the letters of the axes are from the file or the caller, not guessed.
     samples : bool
-        Whether the channels are the samples of a pixel, such as red, green and blue, and no axis of pages.
+        Whether the channels are samples of a pixel, such as red, green and blue, not pages.
     words : dict
-        Metadata in the terms of `kind`.
+        Metadata in the format of `kind`.
     resolution : tuple or None
-        Pixels per unit along X and Y, and the unit, as the tags of TIFF hold them.
+        Pixels per unit along X and Y, and the unit, as in the TIFF tags.
     sizes : dict of str to float
-        Size of a voxel along the axes for which the file names one, in one unit.
+        Size of a voxel along the axes for which the file has one, all in the same unit.
     """
 
     kind: Literal["plain", "shaped", "imagej", "ome"] = "plain"
@@ -49,18 +49,18 @@ class Tags:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture, a volume or a series as a file holds it.
+    """A picture, a volume or a series of a file.
 
     Attributes
     ----------
     pixels : array
-        uint8, uint16 or, from TIFF, float; (H, W) or (H, W, 3), or a stack of any order of axes.
+        uint8, uint16 or, from TIFF, float; (H, W) or (H, W, 3), or a stack with axes in any order.
     alpha : array or None
-        Opacity, in the dtype of the pixels and their shape without the channels.
+        Opacity, in the dtype of the pixels, with their shape without the channels.
     icc_profile : bytes or None
-        The colour profile, carried through.
+        The colour profile, copied to the output.
     axes : str
-        A letter for each axis of the pixels, of T (time), Z, Y, X and C (channels); by default YX or YXC.
+        One letter for each axis of the pixels: T (time), Z, Y, X or C (channels); the default is YX or YXC.
     tags : Tags
     """
 
@@ -76,36 +76,36 @@ class Picture:
 
     @property
     def channel_axis(self) -> int | None:
-        """Axis of the channels; None for grey."""
+        """Axis of the channels; None for a grey picture."""
         return self.axes.index("C") if "C" in self.axes else None
 
     @property
     def channels(self) -> int:
-        """How many channels there are."""
+        """Number of channels."""
         return self.size("C")
 
     @property
     def cells(self) -> tuple[int, ...]:
-        """The shape without the channels."""
+        """Shape of the pixels without the channels."""
         return tuple(n for n, letter in zip(self.pixels.shape, self.axes, strict=True) if letter != "C")
 
     @property
     def is_stack(self) -> bool:
-        """Whether a picture file of one page in grey or colours does not hold it."""
+        """Whether the picture needs more than one page of grey or colour."""
         return self.axes not in ("YX", "YXC") or not self.tags.samples
 
     def size(self, letter: str) -> int:
-        """Length of the axis of this letter, 1 where there is none."""
+        """Return the length of the axis with this letter, 1 if there is none."""
         return self.pixels.shape[self.axes.index(letter)] if letter in self.axes else 1
 
 
 def checked_axes(axes: str) -> str:
-    """The letters of axes in capitals, one of each.
+    """Check the letters of axes, and return them in capitals.
 
     Raises
     ------
     AxesError
-        Other letters, one twice, or no Y or X.
+        An unknown letter, a letter twice, or no Y or X.
     """
     letters = axes.upper()
     if not set(letters) <= set(AXES) or len(set(letters)) < len(letters) or not {"Y", "X"} <= set(letters):
@@ -117,10 +117,10 @@ def checked_axes(axes: str) -> str:
 
 
 def split(array: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
-    """Colours and alpha of a grey picture, or of an array whose last axis holds one to four samples."""
+    """Split an array, (H, W) or (..., samples) with one to four samples, into colours and alpha."""
     samples = 1 if array.ndim == 2 else array.shape[-1]
     if samples > 4:
-        raise PictureError(f"{where} holds an array of shape {array.shape}, not one grey or RGB picture")
+        raise PictureError(f"{where} has the shape {array.shape}, it is not one grey or RGB picture")
     if array.ndim == 2:
         return array, None
     if samples <= 2:

@@ -1,4 +1,4 @@
-"""Pictures in and out of files: 8- and 16-bit PNG, TIFF and JPEG; grey and RGB, with or without alpha; TIFF stacks.
+"""Read and write pictures: 8- and 16-bit PNG, TIFF and JPEG; grey and RGB, with or without alpha; TIFF stacks.
 
 Pillow reads and writes JPEG and 8-bit PNG, imagecodecs 16-bit PNG (Pillow narrows 16-bit colour to 8), tifffile TIFF.
 """
@@ -41,25 +41,25 @@ _JPEG_SIDE = 65500  # libjpeg's limit
 
 
 def read_picture(path: str | os.PathLike[str], axes: str | None = None, *, labels: bool = False) -> Picture:
-    """Read a PNG, TIFF or JPEG file; its content decides, not its name.
+    """Read a PNG, TIFF or JPEG file; the format is found from the content, not from the name.
 
-    A picture comes upright, as its EXIF or TIFF tag says, and its colours not multiplied by alpha.
+    The picture is turned upright by its EXIF or TIFF tag, and its colours are not multiplied by alpha.
 
     Parameters
     ----------
     path : path
     axes : str, optional
-        A letter for each axis of the values, of T, Z, Y, X and C; None takes those that the file names. A stack that
-        names none is a volume, ZYX.
+        One letter for each axis of the values: T, Z, Y, X or C. The default is the axes in the file, or ZYX, a volume,
+        if the file does not name them.
     labels : bool, default False
-        Take whole numbers of any width and sign, as labels are kept.
+        Accept integers of any size and sign, for labels.
 
     Raises
     ------
     PictureError
-        A file that is missing, may not be read, is truncated, or is no picture of these kinds.
+        The file does not exist, cannot be read, is truncated, or is not a picture of these formats.
     AxesError
-        `axes` that are none, or not those of the file.
+        `axes` are wrong, or do not fit the file.
     """
     try:
         data = Path(path).read_bytes()
@@ -81,14 +81,14 @@ def read_picture(path: str | os.PathLike[str], axes: str | None = None, *, label
         picture = read(data, str(path))
     except (PictureError, AxesError, MemoryError):
         raise
-    except Exception as error:  # what a decoder raises on broken data is not for users to know
+    except Exception as error:  # decoders raise various exceptions for damaged data
         raise PictureError(f"{path} is truncated or damaged: {error}") from None
     if picture.pixels.dtype not in (np.uint8, np.uint16, np.float32, np.float64) and not (
         labels and picture.pixels.dtype.kind in "iu"
     ):
-        raise PictureError(f"{path} holds {picture.pixels.dtype} pixels; uint8, uint16 and float can be treated")
+        raise PictureError(f"{path} has {picture.pixels.dtype} pixels; uint8, uint16 and float are supported")
     if picture.pixels.size == 0:
-        raise PictureError(f"{path} holds no pixels")
+        raise PictureError(f"{path} has no pixels")
     if axes is not None and checked_axes(axes) != picture.axes:
         raise AxesError(
             f"axes {axes} are not those of {path}, {picture.axes}; only those of a TIFF file can be renamed"
@@ -103,14 +103,14 @@ def _read_with_pillow(data: bytes, where: str) -> Picture:
         frames: int = getattr(opened, "n_frames", 1)
         if frames != 1:
             raise PictureError(f"{where} is an animation of {frames} frames; give a single picture")
-        opened.load()  # a truncated file is found out here
+        opened.load()  # raises for a truncated file
         profile = opened.info.get("icc_profile")
         image = ImageOps.exif_transpose(opened)
     if image.mode == "P" or "transparency" in image.info:
         grey = image.mode == "L"
         image = image.convert(("LA" if grey else "RGBA") if "transparency" in image.info else "RGB")
     elif image.mode not in ("L", "LA", "RGB", "RGBA"):
-        # Bilevel becomes grey, CMYK and YCbCr become RGB; a profile of CMYK does not fit then.
+        # Bilevel becomes grey, CMYK and YCbCr become RGB, which a CMYK profile does not fit.
         profile = profile if image.mode == "1" else None
         image = image.convert("L" if image.mode == "1" else "RGB")
     pixels, alpha = split(np.asarray(image), where)
@@ -119,7 +119,7 @@ def _read_with_pillow(data: bytes, where: str) -> Picture:
 
 @contextlib.contextmanager
 def _any_size() -> Iterator[None]:
-    """Pillow without its guard against large pictures, which would refuse an honest scan of 180 megapixels."""
+    """Switch off Pillow's limit on the size of pictures, which refuses a scan of 180 megapixels."""
     from PIL import Image
 
     guard, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
@@ -136,7 +136,7 @@ def _read_deep_png(data: bytes, where: str) -> Picture:
 
 
 def _png_profile(data: bytes) -> bytes | None:
-    """The colour profile in a PNG's iCCP chunk, which imagecodecs passes over."""
+    """Read the colour profile in a PNG's iCCP chunk, which imagecodecs ignores."""
     at = 8
     while at + 8 <= len(data):
         length, kind = struct.unpack(">I4s", data[at : at + 8])
@@ -150,7 +150,7 @@ def _png_profile(data: bytes) -> bytes | None:
 
 
 def _with_png_profile(data: bytes, profile: bytes) -> bytes:
-    """A PNG with an iCCP chunk behind its header."""
+    """Insert an iCCP chunk after the header of a PNG."""
     body = b"iCCP" + b"ICC Profile\0\0" + zlib.compress(profile)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     end_of_header = 8 + 12 + 13
@@ -158,12 +158,12 @@ def _with_png_profile(data: bytes, profile: bytes) -> bytes:
 
 
 def check_place(path: str | os.PathLike[str]) -> None:
-    """Check, before work is spent on it, that a file can be written there.
+    """Check, before the work begins, that a file can be written there.
 
     Raises
     ------
     PictureError
-        A folder that does not exist or may not be written, a file that may not, or a folder of that name.
+        The folder does not exist or cannot be written, the file cannot be written, or it is a folder.
     """
     target = Path(os.path.realpath(path))
     try:
@@ -175,17 +175,17 @@ def check_place(path: str | os.PathLike[str]) -> None:
             raise PictureError(f"{path}: no permission to write there")
     except PictureError:
         raise
-    except OSError as error:  # a name that is too long, for one
+    except OSError as error:  # for example a name that is too long
         raise PictureError(f"{path} cannot be written: {error.strerror}") from None
 
 
 def check_destination(path: str | os.PathLike[str], picture: Picture | None = None) -> None:
-    """Check, before work is spent on it, that a picture can be written there.
+    """Check, before the work begins, that a picture can be written there.
 
     Raises
     ------
     PictureError
-        An unknown extension, a place that :func:`check_place` refuses, a format that does not hold the picture.
+        An unknown extension, a format that cannot store the picture, or as :func:`check_place`.
     """
     kind = FORMATS.get(Path(path).suffix.lower())
     if kind is None:
@@ -194,35 +194,35 @@ def check_destination(path: str | os.PathLike[str], picture: Picture | None = No
     if picture is None:
         return
     if kind != "TIFF" and picture.is_stack:
-        raise PictureError(f"{path}: {kind} holds one picture, this is a stack {picture.axes}; write TIFF")
+        raise PictureError(f"{path}: {kind} stores one picture, this is a stack {picture.axes}; write TIFF")
     if kind != "TIFF" and picture.channels not in (1, 3):
-        raise PictureError(f"{path}: {kind} holds grey or RGB, the picture has {picture.channels} channels; write TIFF")
+        raise PictureError(f"{path}: {kind} stores grey or RGB, this has {picture.channels} channels; write TIFF")
     if kind == "JPEG" and picture.alpha is not None:
-        raise PictureError(f"{path}: JPEG holds no alpha channel; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores no alpha channel; write PNG or TIFF")
     if kind == "JPEG" and picture.pixels.dtype != np.uint8:
-        raise PictureError(f"{path}: JPEG holds 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores 8 bits, the picture is {picture.pixels.dtype}; write PNG or TIFF")
     if kind == "JPEG" and max(picture.pixels.shape[:2]) > _JPEG_SIDE:
-        raise PictureError(f"{path}: JPEG holds sides of {_JPEG_SIDE} pixels at most; write PNG or TIFF")
+        raise PictureError(f"{path}: JPEG stores at most {_JPEG_SIDE} pixels on a side; write PNG or TIFF")
     if kind == "PNG" and picture.pixels.dtype.kind == "f":
-        raise PictureError(f"{path}: PNG holds no {picture.pixels.dtype} pixels; write TIFF")
+        raise PictureError(f"{path}: PNG stores no {picture.pixels.dtype} pixels; write TIFF")
 
 
 def write_picture(path: str | os.PathLike[str], picture: Picture) -> None:
-    """Write a picture in the format its extension names, whole or not at all.
+    """Write a picture in the format of the extension, as a whole or not at all.
 
-    The file is written under another name in the same folder and renamed, so that an error or an interruption leaves
-    what was there before.
+    The file is written with a temporary name in the same folder and then renamed, so that an error or an interruption
+    does not change an existing file.
 
     Raises
     ------
     PictureError
-        As :func:`check_destination`, or a disk that refuses.
+        As :func:`check_destination`, or the file cannot be written.
     """
     write_pictures({Path(path): picture})
 
 
 def write_pictures(pictures: Mapping[Path, Picture]) -> None:
-    """Write pictures as :func:`write_picture` does, all or none: none is renamed before the last is written.
+    """Write pictures as :func:`write_picture`, all or none: all are written before the first is renamed.
 
     Raises
     ------
@@ -235,16 +235,16 @@ def write_pictures(pictures: Mapping[Path, Picture]) -> None:
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], Any]) -> None:
-    """Call `write` with a temporary name in the folder of `path`, then rename; nothing is left behind on failure."""
+    """Call `write` with a temporary name in the folder of `path`, then rename; after an error no file is left."""
     write_files({Path(path): write})
 
 
 def write_files(writes: Mapping[Path, Callable[[Path], Any]]) -> None:
-    """Write files as :func:`write_atomically` does, all or none: none is renamed before the last is written."""
+    """Write files as :func:`write_atomically`, all or none: all are written before the first is renamed."""
     with contextlib.ExitStack() as temporaries:
         written: list[tuple[Path, Path, Path]] = []
         for path, write in writes.items():
-            # A link stays one: what it points to is replaced.
+            # Replace the target of a link, not the link.
             target = Path(os.path.realpath(path))
             temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
             temporaries.callback(_remove, temporary)
@@ -260,7 +260,7 @@ def write_files(writes: Mapping[Path, Callable[[Path], Any]]) -> None:
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """What the system refuses, as a sentence."""
+    """Turn errors of the system into PictureError."""
     try:
         yield
     except OSError as error:
@@ -280,7 +280,7 @@ def _write(kind: str, picture: Picture, temporary: Path) -> None:
 
 
 def _encode(kind: str, picture: Picture) -> bytes:
-    """A picture as PNG or JPEG."""
+    """Encode a picture as PNG or JPEG."""
     pixels = picture.pixels if picture.pixels.ndim == 3 else picture.pixels[..., None]
     planes = pixels if picture.alpha is None else np.concatenate([pixels, picture.alpha[..., None]], axis=-1)
     array = np.ascontiguousarray(planes[..., 0] if planes.shape[2] == 1 else planes)

@@ -1,4 +1,4 @@
-"""Read and write tables of numbers in text, a row a line: CSV and its like, for points and curves."""
+"""Read and write tables of numbers as text, such as CSV, for points and curves."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .pictures import PictureError
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows of numbers.
+    """A table of numbers.
 
     Attributes
     ----------
     rows : (n, c) float64 array
     names : tuple of str or None
-        The columns' names, where there is a header.
+        Names of the columns, None without a header.
     blocks : (n,) int array
-        How many gaps of blank lines come before each row.
+        Number of gaps of blank lines before each row.
     delimiter : str
-        What stands between two numbers.
+        The separator of two numbers.
     whole : (c,) bool array
-        Whether all numbers of a column were written without a point.
+        Whether all numbers of a column were written as integers.
     """
 
     rows: FloatArray
@@ -42,12 +42,12 @@ class Table:
 
 
 def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> str:
-    """Read the text in a file, unpacked where its name ends in .gz.
+    """Read the text of a file, unpacked if its name ends in .gz.
 
     Raises
     ------
     error
-        A file that is missing, may not be read, is empty, or holds no text.
+        The file does not exist, cannot be read, is empty, or is not text.
     """
     try:
         data = Path(path).read_bytes()
@@ -57,7 +57,7 @@ def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureE
     except IsADirectoryError:
         raise error(f"{path} is a folder, not a file") from None
     except (gzip.BadGzipFile, zlib.error, EOFError) as fault:
-        raise error(f"{path} is damaged, or not packed by gzip: {fault}") from None
+        raise error(f"{path} is damaged, or not a gzip file: {fault}") from None
     except OSError as fault:
         raise error(f"{path} cannot be read: {fault.strerror}") from None
     if not data.strip():
@@ -65,22 +65,22 @@ def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureE
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise error(f"{path} holds no text in UTF-8") from None
+        raise error(f"{path} is not text in UTF-8") from None
 
 
 def read_table(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> Table:
-    """Read a table: numbers between commas, semicolons, tabs or spaces, a row a line; # begins a comment.
+    """Read a table: one row on each line, separated by commas, semicolons, tabs or spaces; # begins a comment.
 
     Parameters
     ----------
     path : path
     error : type of PictureError
-        What is raised.
+        The exception to raise.
 
     Raises
     ------
     error
-        As :func:`read_text`; a line with something that is no number, or with more or fewer numbers than the first.
+        As :func:`read_text`; also a word that is not a number, or lines with different counts of numbers.
     """
     text = read_text(path, error)
     raw = text.splitlines()
@@ -100,7 +100,7 @@ def read_table(path: str | os.PathLike[str], error: type[PictureError] = Picture
     if names is not None and len(names) != rows.shape[1]:
         raise error(f"{path}: its header names {len(names)} columns, and its lines have {rows.shape[1]}")
     whole = np.array([_is_whole(lines, at, delimiter, k, column) for k, column in enumerate(rows.T)])
-    # the number of blank lines above each line; a comment is no blank line
+    # the number of blank lines above each line; comments are not blank
     above = np.cumsum([not line.strip() for line in raw])[at]
     blocks = np.cumsum(np.diff(above, prepend=above[0]) > 0, dtype=np.int64)
     return Table(rows, names, blocks, delimiter, whole)
@@ -119,9 +119,9 @@ def _is_number(word: str) -> bool:
 
 
 def _numbers(lines: list[str], delimiter: str) -> FloatArray | None:
-    """Parse the numbers in lines of text, (n, c); None where some are none, or lines differ in length."""
+    """Parse the numbers in lines of text, (n, c); None if a word is not a number, or lines differ in length."""
     between = None if delimiter == " " else delimiter
-    # numpy's own parser knows fewer ways to write a number than Python's, such as 1_000
+    # numpy's parser does not read all numbers that Python reads, such as 1_000
     for converters in (None, float):
         try:
             return np.loadtxt(lines, delimiter=between, comments=None, ndmin=2, converters=converters)
@@ -131,13 +131,13 @@ def _numbers(lines: list[str], delimiter: str) -> FloatArray | None:
 
 
 def _fault(lines: list[str], at: list[int], delimiter: str) -> str:
-    """Find the first line in which something is wrong; `at` are the lines with numbers."""
+    """Describe the first error; `at` are the lines with numbers."""
     count = 0
     for k in at:
         words = _words(lines[k], delimiter)
         wrong = next((word for word in words if not _is_number(word)), None)
         if wrong is not None:
-            return f"line {k + 1}: {wrong!r} is no number"
+            return f"line {k + 1}: {wrong!r} is not a number"
         count = count or len(words)
         if len(words) != count:
             return f"line {k + 1}: {len(words)} numbers where the first line has {count}"
@@ -145,7 +145,7 @@ def _fault(lines: list[str], at: list[int], delimiter: str) -> str:
 
 
 def _is_whole(lines: list[str], at: list[int], delimiter: str, k: int, column: FloatArray) -> bool:
-    """Say whether all numbers of column `k` were written as integers, 3 and not 3.0."""
+    """Return whether all numbers of column `k`, (n,), were written as integers, 3 and not 3.0."""
     if not (column == np.rint(column)).all():
         return False
     between = None if delimiter == " " else delimiter
@@ -156,7 +156,7 @@ def _is_whole(lines: list[str], at: list[int], delimiter: str, k: int, column: F
 def encode_table(
     columns: Sequence[npt.NDArray[Any]], names: Sequence[str] | None, delimiter: str, gaps: npt.ArrayLike = ()
 ) -> bytes:
-    """Encode columns as text, each number in as few digits as give it back; blank lines before the rows `gaps`."""
+    """Encode columns (n,) as text, with the fewest digits that keep each number, and blank lines before rows `gaps`."""
     words = [[repr(value) for value in column.tolist()] for column in _shortest(columns)]
     lines = [delimiter.join(row) for row in zip(*words, strict=True)]
     for row in sorted(np.asarray(gaps, int).tolist(), reverse=True):
@@ -166,7 +166,7 @@ def encode_table(
 
 
 def _shortest(columns: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Convert columns to float64, of single precision to those doubles whose digits are as few."""
+    """Convert float32 columns (n,) to the float64 numbers with the same shortest digits."""
     return [
         np.array([float(str(value)) for value in column], np.float64) if column.dtype == np.float32 else column
         for column in columns

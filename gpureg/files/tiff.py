@@ -1,4 +1,4 @@
-"""TIFF in and out, by tifffile: pictures, volumes and series, the letters of their axes, the size of a voxel."""
+"""Read and write TIFF with tifffile: pictures, volumes and series, the letters of their axes, the size of a voxel."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from .picture import AXES, AxesError, Picture, PictureError, Tags, checked_axes,
 
 Kind = Literal["plain", "shaped", "imagej", "ome"]
 
-# ImageJ's order of axes, and what it counts by itself when it is written again.
+# ImageJ's order of axes, and the metadata that the writer computes.
 _IMAGEJ_AXES = "TZCYXS"
 _IMAGEJ_COUNTS = {"images", "channels", "slices", "frames", "hyperstack", "order", "axes", "SCIFIO"}
-# Words that make no sense without the axis of this letter.
+# Metadata that need the axis with this letter.
 _OF_AXIS = {
     **{"spacing": "Z", "finterval": "T", "fps": "T", "PhysicalSizeZ": "Z", "PhysicalSizeZUnit": "Z"},
     **{"TimeIncrement": "T", "TimeIncrementUnit": "T"},
 }
-# Tags that are read here: description, resolution, colour profile, ImageJ's metadata.
+# The tags that are read: description, resolution, colour profile, ImageJ's metadata.
 _TAGS = (270, 282, 283, 34675, 50838, 50839)
 _OF_OME_CHANNEL = ("Name", "Color", "Fluor", "EmissionWavelength", "ExcitationWavelength")
 _MICROMETRES = {"Å": 1e-4, "nm": 1e-3, "µm": 1.0, "um": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6}
 
 
 def read_tiff(data: bytes, where: str, axes: str | None = None) -> Picture:
-    """Read the bytes of a TIFF file; `axes` names the axes of its values instead of what the file says.
+    """Read the bytes of a TIFF file; `axes` replaces the letters of the axes in the file.
 
-    Of a pyramid, the finest level is read.
+    The finest level of a pyramid is read.
 
     Raises
     ------
     PictureError
-        Several series, colours or bits that are not treated, axes that nobody names, pages that are missing.
+        Several series, unsupported colours or bits, unknown axes, or missing pages.
     AxesError
-        `axes` that are none, or not those of the file.
+        `axes` are wrong, or do not fit the file.
     """
     import tifffile
 
@@ -56,11 +56,11 @@ def read_tiff(data: bytes, where: str, axes: str | None = None) -> Picture:
             name = getattr(page.photometric, "name", str(page.photometric)).lower()
             raise PictureError(f"{where} has {name} colours; convert it to grey or RGB first")
         if page.bitspersample not in (1, 8, 16, 32, 64):
-            raise PictureError(f"{where} has {page.bitspersample} bits per sample; 1, 8, 16 and float can be treated")
+            raise PictureError(f"{where} has {page.bitspersample} bits per sample; 1, 8, 16 and float are supported")
         array, found = series.asarray(), series.axes
         if array.shape != tuple(series.shape):
             raise _damaged(where, f"it holds {array.shape} of {tuple(series.shape)} values")
-        if "S" in found:  # the samples of a pixel side by side, however they are stored
+        if "S" in found:  # samples on the last axis, however they are stored
             array, found = np.moveaxis(array, found.index("S"), -1), found.replace("S", "") + "S"
         if page.bitspersample == 1:
             array = array.astype(np.uint8) * np.uint8(255)
@@ -98,7 +98,7 @@ def read_tiff(data: bytes, where: str, axes: str | None = None) -> Picture:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """The log of tifffile kept off the terminal: what it says of a damaged file is told as one sentence."""
+    """Silence the log of tifffile: damaged files raise an error here."""
     silence, log = logging.NullHandler(), logging.getLogger("tifffile")
     log.addHandler(silence)
     try:
@@ -112,9 +112,9 @@ def _damaged(where: str, why: str) -> PictureError:
 
 
 def _only_series(file: Any, where: str) -> Any:
-    """The one series of pages in a file, after checking that none of it is lost: tifffile goes on without a word."""
+    """Return the only series of pages in a file, and check for missing parts, which tifffile ignores."""
     tiff, handle, first = file.tiff, file.filehandle, file.pages.first
-    # Behind the last page stands a zero; anything else leads to a page that is not there.
+    # The offset after the last page is 0; any other offset is that of a missing page.
     handle.seek(file.pages.next_page_offset)
     (following,) = struct.unpack(tiff.offsetformat, handle.read(tiff.offsetsize))
     if following:
@@ -134,20 +134,20 @@ def _only_series(file: Any, where: str) -> Any:
         if getattr(file, f"is_{kind}") and only.kind not in kinds:
             raise _damaged(where, "its description does not match its pages")
     if only.kind == "ome" and any(page is None for page in only.pages):
-        raise PictureError(f"{where} holds a part of a set of pictures, the others lie in other files; join them")
+        raise PictureError(f"{where} holds a part of a set of pictures, the others are in other files; join them")
     return only
 
 
 def _lettered(array: npt.NDArray[Any], found: str, given: str | None, where: str) -> tuple[npt.NDArray[Any], str, bool]:
-    """An array, the letters of its axes, and whether they are known: given, or `found` in the file."""
-    # An axis of one page and no known name says nothing.
+    """Return an array, the letters of its axes, and whether `given` or the file (`found`) names them."""
+    # Remove unknown axes of length 1.
     kept = [i for i, letter in enumerate(found) if array.shape[i] > 1 or letter in AXES + "S"]
     found = "".join(found[i] for i in kept).replace("S", "C")
     array = array.reshape([array.shape[i] for i in kept])
     if given is not None:
         if len(given) != array.ndim:
             raise AxesError(
-                f"axes {given} are {len(given)}, the values of {where} have {array.ndim}, of lengths {array.shape}"
+                f"axes {given} name {len(given)} axes, the values of {where} have {array.ndim}, of shape {array.shape}"
             )
         return array, given, True
     unknown = [letter for letter in found if letter not in AXES]
@@ -156,7 +156,7 @@ def _lettered(array: npt.NDArray[Any], found: str, given: str | None, where: str
         found = found.replace(unknown[0], "Z")
     elif unknown or not {"Y", "X"} <= set(found):
         raise PictureError(
-            f"{where} holds values of lengths {array.shape}, and does not say which axis is which ({found}); "
+            f"{where} has the shape {array.shape}, and does not say which axis is which ({found}); "
             f"name them with --axes, for instance --axes {'TZCYX'[-array.ndim :]}"
         )
     if found.count("C") > 1:
@@ -172,7 +172,7 @@ def _has_alpha(page: Any) -> bool:
 
 
 def _upright(array: npt.NDArray[Any], orientation: int, y: int, x: int) -> npt.NDArray[Any]:
-    """A picture turned as the orientation tag of TIFF and EXIF says, 1 to 8; `y` and `x` are its axes."""
+    """Turn a picture by the orientation tag of TIFF and EXIF, 1 to 8; `y` and `x` are its axes."""
     if orientation in (5, 6, 7, 8):  # rows and columns are exchanged
         array = np.swapaxes(array, y, x)
     if orientation in (3, 4, 7, 8):
@@ -183,7 +183,7 @@ def _upright(array: npt.NDArray[Any], orientation: int, y: int, x: int) -> npt.N
 
 
 def _unassociated(pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Colours that were multiplied by alpha, divided by it again; black where nothing is seen."""
+    """Divide colours (..., 3) or grey by alpha, which they were multiplied by; black where alpha is 0."""
     white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
     opacity = (alpha if pixels.ndim == alpha.ndim else alpha[..., None]).astype(np.float64)
     colours = np.divide(pixels * float(white), opacity, out=np.zeros(pixels.shape), where=opacity > 0)
@@ -193,7 +193,7 @@ def _unassociated(pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]) -> npt.NDAr
 
 
 def _words(file: Any, series: Any) -> tuple[Kind, dict[str, Any]]:
-    """Whose metadata a file has, and those that stay true of pixels with other values."""
+    """Return the format of a file's metadata, and the metadata that are valid for other pixel values."""
     if series.kind == "ome":
         return "ome", _ome_words(file.ome_metadata)
     if series.kind == "imagej":
@@ -205,7 +205,7 @@ def _words(file: Any, series: Any) -> tuple[Kind, dict[str, Any]]:
 
 
 def _ome_words(xml: str) -> dict[str, Any]:
-    """Name, sizes, time step and channels of an OME image, in the terms of tifffile's writer."""
+    """Return name, sizes, time step and channels of an OME image, as tifffile writes them."""
     image = next(element for element in ElementTree.fromstring(xml) if element.tag.endswith("Image"))
     pixels = next(element for element in image if element.tag.endswith("Pixels"))
     words: dict[str, Any] = {"Name": image.get("Name")}
@@ -220,7 +220,7 @@ def _ome_words(xml: str) -> dict[str, Any]:
 
 
 def _sizes(kind: Kind, words: dict[str, Any], resolution: tuple[Any, ...]) -> dict[str, float]:
-    """Size of a voxel along the axes of space for which ImageJ or OME name one, in one unit."""
+    """Return the sizes of a voxel along X, Y and Z in the metadata of ImageJ or OME, in one unit."""
     found: dict[str, float] = {}
     if kind == "imagej":
         for letter, pixels in zip("XY", resolution, strict=False):
@@ -237,7 +237,7 @@ def _sizes(kind: Kind, words: dict[str, Any], resolution: tuple[Any, ...]) -> di
 
 
 def write_tiff(path: Path, picture: Picture) -> None:
-    """Write a picture or a stack, in the words of the file that it came from where these can hold it."""
+    """Write a picture or a stack, with the metadata of its source file if their format can store it."""
     import tifffile
 
     array, letters, tags = picture.pixels, picture.axes, picture.tags
@@ -250,7 +250,7 @@ def write_tiff(path: Path, picture: Picture) -> None:
     kind = tags.kind
     if kind == "imagej":
         order = [letters.index(letter) for letter in _IMAGEJ_AXES if letter in letters]
-        # ImageJ has 8, 16 and 32 bits, and colours of 8
+        # ImageJ reads 8, 16 and 32 bits, and colours of 8 bits
         if array.dtype.char in ("BHf" if "S" not in letters else "B") and picture.alpha is None:
             array, letters = array.transpose(order), "".join(letters[i] for i in order)
         else:
@@ -258,13 +258,13 @@ def write_tiff(path: Path, picture: Picture) -> None:
     if kind == "ome" and not letters.rstrip("S").endswith("YX"):
         kind = "shaped"
     if kind in ("plain", "shaped"):
-        # Axes that are known are named; one page needs no name.
+        # Name the axes if they are known; a single page needs no names.
         kind = "shaped" if picture.is_stack and (tags.named or kind == "shaped") else "plain"
     words = tags.words if kind == tags.kind else {}
     if kind != "plain" and tags.named:
         words = {**words, "axes": letters}
     settings: dict[str, Any] = {"imagej": kind == "imagej", "ome": kind == "ome"}
-    if kind != "imagej":  # whose stacks are not compressed
+    if kind != "imagej":  # ImageJ stacks are not compressed
         settings |= {"compression": "zlib", "predictor": array.dtype.kind == "u"}
     if tags.resolution is not None:
         settings |= {"resolution": tags.resolution[:2], "resolutionunit": tags.resolution[2]}

@@ -1,1 +1,1 @@
-"""One file in, one file out: what each command of the command line does."""
+"""The work of each command: read a file, process it, write the result."""

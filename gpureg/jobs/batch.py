@@ -1,4 +1,4 @@
-"""Many picture files, one after the other, into a folder: a broken one is told at the end and stops nobody."""
+"""Denoise many picture files into a folder; a failure does not stop the others and is reported at the end."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .denoise_report import DenoiseReport
 from .denoise_settings import Settings, rehearse
 from .report import axes_line, left_out, quality_line
 
-# What may go wrong with one file and is told in a sentence.
+# Exceptions that one file may raise, reported in one sentence.
 FAILURES = (PictureError, BackendUnavailable, FloatingPointError, MemoryError, ValueError, TypeError)
 
 
 def sentence(error: BaseException) -> str:
-    """What went wrong, for a reader."""
+    """Return the message of an error."""
     if isinstance(error, MemoryError):
         return f"not enough memory: {error}" if str(error) else "not enough memory"
     return str(error)
@@ -32,7 +32,7 @@ def sentence(error: BaseException) -> str:
 
 @dataclass
 class Outcome:
-    """What became of many files: reports of those done, sentences for those that failed, by name."""
+    """The result for many files: reports of those that are done, messages of those that failed."""
 
     folder: Path
     count: int
@@ -41,12 +41,12 @@ class Outcome:
     interrupted: bool = False
 
     def as_json(self) -> dict[str, Any]:
-        """The outcome as JSON can hold it."""
+        """Return the outcome as a dictionary for JSON."""
         failed = [{"input": str(source), "error": error} for source, error in self.failed]
         return {"files": [report.as_json() for report in self.done], "failed": failed}
 
     def lines(self) -> list[str]:
-        """The outcome for a reader, without the failures."""
+        """Return the outcome, without the failures, as lines of text."""
         lines = []
         guessed = [report for report in self.done if report.axes_guessed]
         if guessed:
@@ -70,23 +70,23 @@ class Outcome:
         return lines
 
     def failures(self) -> str:
-        """A list of the files that failed, with why."""
+        """List the files that failed, and why."""
         told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
         return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
 
 
 def is_pattern(text: str) -> bool:
-    """Whether a name stands for many: one with ``*``, ``?`` or ``[``, unless a file has it."""
+    """Return whether a name is a pattern: it has ``*``, ``?`` or ``[``, and no file has this name."""
     return any(sign in text for sign in "*?[") and not os.path.lexists(text)
 
 
 def expand(names: Sequence[str]) -> list[Path]:
-    """The files that names and patterns stand for, each once.
+    """List the files of names and patterns, each once.
 
     Raises
     ------
     PictureError
-        A pattern that fits no file.
+        A pattern matches no file.
     """
     found: dict[Path, None] = {}
     for name in names:
@@ -94,18 +94,18 @@ def expand(names: Sequence[str]) -> list[Path]:
         if is_pattern(name):
             fitting = sorted(path for path in glob.glob(name, recursive=True) if not os.path.isdir(path))
             if not fitting:
-                raise PictureError(f"{name}: no file fits this pattern")
+                raise PictureError(f"{name}: no file matches this pattern")
         found |= dict.fromkeys(Path(os.path.normpath(path)) for path in fitting)
     return list(found)
 
 
 def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> list[Path]:
-    """The files to write: those of `sources` by name, in `folder`.
+    """List the files to write: the names of `sources` in `folder`.
 
     Raises
     ------
     PictureError, ValueError
-        A folder that is none or has no parent; two files of one name, and one that would overwrite what is read.
+        `folder` is a file or has no parent, two files have the same name, or an output would overwrite an input.
     """
     is_there = os.path.exists(folder)
     if is_there and not folder.is_dir():
@@ -132,7 +132,7 @@ def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> lis
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    """What is the same for all names of a file."""
+    """Return the device and inode, the same for all names of a file."""
     status = path.stat()
     return status.st_dev, status.st_ino
 
@@ -149,14 +149,14 @@ def denoise_files(
     progress: bool = False,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
-    """Denoise files into a folder, which is created if it is not there; the parameters are as in `denoise_file`.
+    """Denoise files into a folder, which is created if it does not exist; the parameters are as in `denoise_file`.
 
-    An interruption ends it after the files that are done; what is written is whole.
+    An interruption returns the outcome so far; no partial file is written.
 
     Raises
     ------
     PictureError, ValueError, TypeError, BackendUnavailable
-        What no file could be treated with, before any work.
+        The options are wrong for all files; raised before any work.
     """
     targets = targets_in(folder, sources, settings)
     rehearse(settings)
@@ -166,7 +166,7 @@ def denoise_files(
         raise PictureError(f"{folder} cannot be created: {error.strerror}") from None
     outcome = Outcome(folder, len(sources))
     try:
-        # The plans that are told would run into the bar.
+        # Printed plans would mix with the bar.
         with progress_bar(progress and not settings.explain, len(sources), "files") as report:
             report(0)
             for i, (source, target) in enumerate(zip(sources, targets, strict=True), start=1):

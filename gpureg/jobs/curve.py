@@ -1,4 +1,4 @@
-"""From a file of curves to denoised or simpler ones, and their skeletons: what ``gpureg curve`` does."""
+"""Denoise or simplify the curves of a file, and compute their skeletons: the work of ``gpureg curve``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .outputs import Outputs
 
 @dataclass(frozen=True, kw_only=True)
 class CurveSettings(ShapeSettings):
-    """What is asked for, apart from IN and OUT: the options of ``gpureg curve``."""
+    """The options, without IN and OUT, of ``gpureg curve``."""
 
     simplify: bool = False
     n_vertices: int | None = None
@@ -38,16 +38,11 @@ class CurveSettings(ShapeSettings):
 
     @property
     def simplifies(self) -> bool:
-        """Whether curves are to have fewer vertices, instead of less noise."""
+        """Whether to simplify the curves instead of denoising them."""
         return self.simplify or self.n_vertices is not None
 
     def check(self) -> None:
-        """Refuse options that do nothing together.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         if self.simplifies and self.sigma is not None:
             raise ValueError("--sigma is for denoising, --simplify and --n-vertices are not; run twice")
         if self.simplifies and self.keep_ends is False:
@@ -66,7 +61,7 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
     source, target : Path
     settings : CurveSettings
     progress : bool, default False
-        Whether to draw a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
@@ -75,7 +70,7 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
     Raises
     ------
     CurveError, PictureError
-        A file that cannot be read or written, a picture where matplotlib is not installed.
+        A file cannot be read or written, or matplotlib is missing for the picture.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.denoise_curve`, :func:`gpureg.simplify_curve` and :func:`gpureg.skeleton`.
     """
@@ -124,26 +119,26 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
 
 
 def _scale(given: CurvesFile, settings: CurveSettings) -> FloatArray:
-    """Compute the factors that make degrees of longitude as long as those of latitude, (2,); 1: no degrees."""
+    """Compute the factors (2,) that make degrees of longitude as long as those of latitude; 1 without degrees."""
     degrees = given.degrees if settings.degrees is None else settings.degrees
     if not degrees:
         return np.ones(2)
     latitudes = np.concatenate([curve.points[:, 1] for curve in given.curves])
     if np.abs(latitudes).max() > 90:
         raise ValueError(
-            f"latitudes must lie in -90..90, got {np.abs(latitudes).max():g}: these are no degrees, give --no-degrees"
+            f"latitudes must lie in -90..90, got {np.abs(latitudes).max():g}: these are not degrees, give --no-degrees"
         )
     return np.array([max(math.cos(math.radians(float(latitudes.mean()))), 1e-3), 1.0])
 
 
 def _scaled(curve: CurveInFile, points: FloatArray) -> Ends:
-    """Say whether a curve of a file is closed, and how far apart its ends are in the units of `points`."""
+    """Return whether a curve of a file is closed, and the distance of its ends in the units of `points`, (n, 2)."""
     ends = ends_of(points, curve.closed) if curve.ends is None else curve.ends
     return ends if ends.repeated else replace(ends, gap=float(np.linalg.norm(points[-1] - points[0])))
 
 
 def _worked(points: list[FloatArray], ends: list[Ends], settings: CurveSettings, progress: bool) -> Worked:
-    """Denoise or simplify all curves, those that are closed and those that are open each as one graph."""
+    """Denoise or simplify all curves: the closed curves as one graph, the open ones as another."""
     n = len(points)
     made: list[FloatArray] = list(points)
     kept: list[IntArray] = [np.arange(len(x)) for x in points]
@@ -155,7 +150,7 @@ def _worked(points: list[FloatArray], ends: list[Ends], settings: CurveSettings,
         chosen = [k for k in range(n) if ends[k].closed == shut]
         if not chosen:
             continue
-        # as the file has them: what it repeats is taken off
+        # float64, as the file has them; a repeated vertex is removed
         kinds = [np.dtype(np.float64)] * len(chosen)
         curves = Curves([points[k] for k in chosen], [ends[k] for k in chosen], kinds, True)
         if settings.simplifies:
@@ -175,26 +170,26 @@ def _worked(points: list[FloatArray], ends: list[Ends], settings: CurveSettings,
 
 
 def _filter(settings: CurveSettings) -> CurveFilter:
-    """What is simplified."""
+    """Return the filter of simplification."""
     return settings.filter or "directions"
 
 
 def _skeletons(points: list[FloatArray], made: list[CurveInFile]) -> list[Skeleton]:
     polygons = [x for x, curve in zip(points, made, strict=True) if curve.closed]
     if not polygons:
-        raise ValueError("--skeleton is that of closed curves, and there is none")
+        raise ValueError("--skeleton needs a closed curve, and there is none")
     return [skeleton(x) for x in polygons]
 
 
 def _branches(bones: Sequence[Skeleton], scale: FloatArray) -> list[CurveInFile]:
-    """Make open curves of the branches, with the radius at each vertex."""
+    """Convert the branches to open curves with the radius at each vertex."""
     found = [
         CurveInFile(bone.positions[chain] / scale, False, bone.radii[chain][:, None])
         for bone in bones
         for chain in bone.branches()
     ]
     if not found:
-        raise ValueError("the curves have no skeleton: they have too few vertices, or no inside")
+        raise ValueError("the curves have no skeleton: they have too few vertices, or no interior")
     return found
 
 

@@ -1,4 +1,4 @@
-"""What was done with curves: as JSON can hold it, and in a few lines."""
+"""The report on curves, for JSON and as text."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ _WHY = {
 
 @dataclass(frozen=True, eq=False)
 class Worked:
-    """Curves after they were denoised or simplified, and how.
+    """Curves after denoising or simplification, and the parameters.
 
     Attributes
     ----------
     points : list of (k, 2) float arrays
-        The vertices of each curve, now.
+        The vertices of each curve, after.
     kept : list of (k,) int arrays
-        Which of the vertices that came these are.
+        Their indices among the vertices before.
     what : {"directions", "positions"}
         What was regularized.
     simplified : bool
-        Whether vertices were left out, instead of moved.
+        Whether vertices were removed, instead of moved.
     p : float
         Degree of regularity.
     lam : list of float
         Fidelity of each curve.
     sigma : list of float
-        Noise of each curve, where they were denoised.
+        Noise of each curve, if they were denoised.
     estimated : bool
-        Whether the noise was.
+        Whether the noise was estimated.
     results : list of Result
-        The runs.
+        The runs of the model.
     """
 
     points: list[FloatArray]
@@ -64,7 +64,7 @@ class Worked:
     results: list[Result]
 
     def describe(self) -> str:
-        """What was done, in a line."""
+        """Describe the work in one line."""
         verb = f"vertices kept where the {self.what} jump" if self.simplified else f"{self.what} of the vertices"
         if not self.results:
             return f"{verb}: there is no noise to remove"
@@ -80,13 +80,13 @@ class Measures:
     Attributes
     ----------
     length : Change
-        Of all curves together.
+        The length of all curves together.
     area : Change or None
-        Inside all that are closed.
+        The area inside all closed curves.
     hausdorff : float
-        The largest distance of a curve from what it was.
+        The largest distance of a curve from the curve before.
     reference : Change or None
-        The largest distance from the curve of the same number in another file.
+        The largest distance from the curve with the same number in the reference.
     """
 
     length: Change
@@ -98,12 +98,12 @@ class Measures:
     def of(
         cls, before: list[FloatArray], after: list[FloatArray], closed: list[bool], truth: list[FloatArray] | None
     ) -> Measures:
-        """The measures of curves, before and after.
+        """Measure curves, lists of (n, 2) arrays, before and after.
 
         Raises
         ------
         ValueError
-            A reference of more curves, or fewer.
+            The reference has another number of curves.
         """
         if truth is not None and len(truth) != len(before):
             raise ValueError(f"--reference has {len(truth)} curves, IN has {len(before)}")
@@ -121,34 +121,34 @@ class Measures:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The measures as JSON can hold them."""
+        """Return the measures as a dictionary for JSON."""
         area = {} if self.area is None else {"area": self.area.as_json()}
         reference = {} if self.reference is None else {"reference": self.reference.as_json()}
         return {"length": self.length.as_json()} | area | {"hausdorff": self.hausdorff} | reference
 
 
 def _each(measure: Callable[..., float], closed: list[bool], *curves: list[FloatArray]) -> list[float]:
-    """A measure of each curve, or of each pair of curves."""
+    """Measure each curve, or each pair of curves."""
     return [measure(*xs, closed=shut) for *xs, shut in zip(*curves, closed, strict=True)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CurveReport(ShapeReport):
-    """What was done with curves.
+    """The report on curves.
 
     Attributes
     ----------
     before : list of (n, 2) float arrays
-        The curves that came.
+        The curves before.
     worked : Worked
-        What became of them.
+        The curves after.
     ends : list of Ends
         Which are closed, and how that is known.
     measures : Measures
     unit : str or None
-        That of lengths, where it is not that of the file.
+        Unit of lengths, if it is not the unit of the file.
     skeleton : Path or None
-        Where the skeletons are written.
+        File with the skeletons.
     bones : list of Skeleton
         The skeletons.
     """
@@ -163,7 +163,7 @@ class CurveReport(ShapeReport):
 
     @property
     def branches(self) -> int:
-        """How many branches the skeletons have."""
+        """Number of branches of the skeletons."""
         return sum(bone.n_branches for bone in self.bones)
 
     @property
@@ -175,7 +175,7 @@ class CurveReport(ShapeReport):
         return Change.of(lambda points: sum(map(len, points)), self.before, self.worked.points)
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         return super().as_json() | {"seconds": round(self.seconds, 4)}
 
     def _told(self) -> dict[str, Any]:
@@ -228,7 +228,7 @@ class CurveReport(ShapeReport):
 
 
 def ends_line(ends: Sequence[Ends]) -> str:
-    """Which curves are closed, why, and how far apart their ends are."""
+    """Describe which curves are closed, why, and the distance of their ends."""
     if len(ends) == 1:
         return f"ends     {ends[0].describe()}"
     gaps: dict[tuple[bool, str], list[float]] = {}

@@ -1,4 +1,4 @@
-"""From a picture file to a picture file: what ``gpureg denoise`` does with one."""
+"""Denoise one picture file: the work of ``gpureg denoise``."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def denoise_file(
     source, target : Path
     settings : Settings
     progress : bool, default False
-        Whether to draw a bar.
+        Whether to show a progress bar.
     tell : callable, optional
-        Is given the plan of each run before it starts, if ``settings.explain``.
+        Called with the plan of each run before it starts, if ``settings.explain``.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def denoise_file(
     Raises
     ------
     PictureError
-        A file that cannot be read or written, or files that do not fit together.
+        A file cannot be read or written, or files do not fit together.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.denoise_image`.
     """
@@ -81,7 +81,7 @@ def denoise_file(
     values: list[npt.NDArray[Any]] = []
     runs: list[tuple[DenoisePlan, Result]] = []
     explained: list[str] = []
-    # The plans that are told would run into the bar.
+    # Printed plans would mix with the bar.
     with progress_bar(progress and len(slices) > 1 and not settings.explain, len(slices), "slices") as done:
         for i, part in enumerate(slices):
             done(i)
@@ -126,13 +126,13 @@ def denoise_file(
 
 
 def beside_of(source: Path, settings: Settings) -> list[Path]:
-    """The files that are read besides `source`: its mask, its guide and its reference."""
+    """List the files that are read with `source`: the mask, the guide and the reference."""
     paths = (settings.mask, settings.guide, settings.reference)
     return [beside(path, source) for path in paths if path is not None]
 
 
 def _guide(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], str]:
-    """What the weights compare instead of the picture, with channels of its own, and the letters of its axes."""
+    """Read the guide, which may have other channels than the picture; return it and the letters of its axes."""
     guide = read_picture(path)
     if guide.cells != picture.cells:
         raise PictureError(f"the guide {path} has the shape {guide.cells}, {source} has {picture.cells}")
@@ -143,7 +143,7 @@ def _guide(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any]
 
 
 def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[Any], tuple[float, float]]:
-    """The clean picture, and the range that its PSNR is of."""
+    """Read the clean picture, and return it with the range of values for the PSNR."""
     clean = read_picture(path, picture.axes if picture.is_stack else None).pixels
     if clean.shape != picture.pixels.shape:
         raise PictureError(f"the reference {path} has the shape {clean.shape}, {source} has {picture.pixels.shape}")
@@ -154,7 +154,7 @@ def _reference(picture: Picture, source: Path, path: Path) -> tuple[npt.NDArray[
         return clean, (0, np.iinfo(whole[0]).max)
     finite = clean[np.isfinite(clean)]
     if not (finite.size and finite.max() > finite.min()):
-        raise PictureError(f"the reference {path} has no range to measure by: its values are constant or not finite")
+        raise PictureError(f"the reference {path} has no range for the PSNR: its values are constant or not finite")
     return clean, (float(finite.min()), float(finite.max()))
 
 
@@ -165,7 +165,7 @@ def _quality(
     limits: tuple[float, float],
     axis: int | None,
 ) -> tuple[float, float]:
-    """PSNR of all slices, and SSIM, of which slices and time have the mean."""
+    """Compute the PSNR of all slices (s, ...), and the mean SSIM over slices and time."""
     if valid is not None:
         slices = np.where(valid if axis is None else valid[..., None], slices, np.nan)
     cells = slices.ndim - (axis is not None)

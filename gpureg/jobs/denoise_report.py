@@ -1,4 +1,4 @@
-"""What was done with a picture file: :class:`DenoiseReport`, as JSON can hold it and in a few lines."""
+"""The report on a denoised picture file, for JSON and as text: :class:`DenoiseReport`."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from .report import WHITE, axes_line, done_line, left_out, number, quality_line,
 
 @dataclass(frozen=True)
 class DenoiseReport:
-    """What was done with a picture, a volume or a series.
+    """The report on a denoised picture, volume or series.
 
     Attributes
     ----------
     files : mapping
-        What :func:`gpureg.jobs.report.about` says of the files and the picture in them.
+        What :func:`gpureg.jobs.report.about` returns for the files and the picture.
     runs : tuple of (DenoisePlan, Result)
-        One for each slice that was denoised, the results without their values.
+        One for each denoised slice; the results have no values.
     through : str, default ""
-        Letters of the axes whose slices were treated one by one.
+        Letters of the axes whose slices were processed one by one.
     lam_search : str, optional
-        The search for lam that was asked for.
+        The method that searched for lam.
     norm : {"vertex", "edge"}, default "vertex"
     spacing : mapping of str to float, optional
         Size of a pixel along each axis, by its letter.
     mask, guide, reference : Path, optional
-        Files that were read besides.
+        Other files that were read.
     outside_mask, nan : int, default 0
-        Pixels that were left out by the mask, and because they are NaN.
+        Numbers of pixels that the mask excludes, and that are NaN.
     quality : pair of (psnr, ssim), optional
-        Of input and output, where there is a reference.
+        For the input and the output, if there is a reference.
     explained : str, optional
-        The plans, where they were asked for.
+        The plans, if they were asked for.
     """
 
     files: Mapping[str, Any]
@@ -57,21 +57,21 @@ class DenoiseReport:
 
     @property
     def axes_guessed(self) -> bool:
-        """Whether the file names no axes of its stack."""
+        """Whether the file does not name the axes of its stack."""
         return not self.files.get("axes_named", True)
 
     @property
     def seconds(self) -> float:
-        """How long all runs took."""
+        """Duration of all runs."""
         return round(sum(result.seconds for _, result in self.runs), 4)
 
     @property
     def backend(self) -> str:
-        """What they ran on."""
+        """Backend of the runs."""
         return self.runs[0][1].backend
 
     def measured(self) -> dict[str, dict[str, float | str]]:
-        """PSNR and SSIM of input and output by their names, as JSON can hold them; empty without a reference."""
+        """Return PSNR and SSIM of input and output by name, for JSON; empty without a reference."""
         if self.quality is None:
             return {}
         return {
@@ -80,7 +80,7 @@ class DenoiseReport:
         }
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         runs = [run_of(plan, result) for plan, result in self.runs]
         report = {**self.files, **({"each": self.through, "slices": runs} if self.through else runs[0])}
         report |= {"backend": self.backend, "seconds": self.seconds, "version": __version__}
@@ -103,7 +103,7 @@ class DenoiseReport:
         return report
 
     def lines(self) -> list[str]:
-        """The report for a reader: noise, filter, done, and what else there is to say."""
+        """Return the report as lines of text."""
         report, (plan, result) = self.as_json(), self.runs[0]
         plans = [plan for plan, _ in self.runs]
         sigmas = [plan.sigma for plan in plans if plan.sigma is not None]

@@ -1,4 +1,4 @@
-"""What ``gpureg denoise`` is asked for besides the files: :class:`Settings`, and the plan that follows from it."""
+"""The options of ``gpureg denoise``, :class:`Settings`, and the plan that follows from them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AVERAGING: dict[Averaging, AveragePatches] = {"none": False, "plain": True, "wei
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked for besides the files; the fields are the options of ``gpureg denoise``."""
+    """The options of ``gpureg denoise``, without IN and OUT."""
 
     sigma: float | None = None
     p: float | None = None
@@ -59,17 +59,17 @@ class Settings:
     explain: bool = False
 
     def run(self) -> dict[str, Any]:
-        """What :func:`gpureg.run_plan` is told besides the plan and the picture."""
+        """Return the options for :func:`gpureg.run_plan`."""
         return {name: getattr(self, name) for name in ("solver", "norm", "backend", "dtype", "memory")}
 
 
 def as_spacing(text: str) -> tuple[float, ...] | Literal["file"]:
-    """Sizes of a voxel from a text such as ``"3,1,1"``, or the word ``"file"``.
+    """Parse sizes of a voxel such as ``"3,1,1"``, or the word ``"file"``.
 
     Raises
     ------
     ValueError
-        Anything else.
+        The text is neither.
 
     Examples
     --------
@@ -88,12 +88,12 @@ def as_spacing(text: str) -> tuple[float, ...] | Literal["file"]:
 
 
 def expect_fitting(settings: Settings) -> None:
-    """Refuse options that would have no effect beside the others, whatever the file holds.
+    """Refuse combinations of options that have no effect for any file.
 
     Raises
     ------
     ValueError
-        Which one, and what it needs.
+        The message names the option and what it needs.
     """
     filters = settings.p in (None, 2)
     kind = settings.weights
@@ -105,23 +105,23 @@ def expect_fitting(settings: Settings) -> None:
     if settings.guide is not None and kind not in ("bilateral", "patch"):
         raise ValueError("--guide needs weights that compare pixels: --weights bilateral or patch")
     if settings.norm == "edge" and filters:
-        raise ValueError("--norm edge needs a --p other than 2, where both norms are the same")
+        raise ValueError("--norm edge needs a --p other than 2: for 2 both norms are the same")
     if settings.k is not None and (kind != "patch" or (filters and settings.weights is None)):
         raise ValueError("--k needs --weights patch, or a --p other than 2 and no --weights")
     if settings.centre is not None and kind not in ("bilateral", "patch"):
         raise ValueError("--centre needs --weights bilateral or patch")
     if settings.centre is not None and not once:
-        raise ValueError(f"--centre is about {one_sweep}")
+        raise ValueError(f"--centre is for {one_sweep}")
     if settings.centre == "none" and settings.lam is not None:
         raise ValueError(
-            "--centre none leaves the pixel itself out, so that --lam has no meaning: leave one of them out"
+            "--centre none leaves the pixel itself out, so that --lam has no effect: leave one of them out"
         )
     if (settings.centre is not None or averages) and settings.lam == 0:
-        raise ValueError("--lam 0 leaves the pixel itself out: leave --lam out and say --centre none")
+        raise ValueError("--lam 0 leaves the pixel itself out: leave --lam out and give --centre none")
     if averages and kind != "patch":
         raise ValueError(f"--average-patches {settings.average_patches} needs --weights patch")
     if averages and not once:
-        raise ValueError(f"--average-patches {settings.average_patches} is about {one_sweep}")
+        raise ValueError(f"--average-patches {settings.average_patches} is for {one_sweep}")
     if isinstance(settings.lam, str):
         unseen = {
             "--guide": settings.guide is not None,
@@ -131,11 +131,11 @@ def expect_fitting(settings: Settings) -> None:
         }
         for option, is_given in unseen.items():
             if is_given:
-                raise ValueError(f"--lam {settings.lam} searches without {option}: give --lam a number beside it")
+                raise ValueError(f"--lam {settings.lam} does not work with {option}: give --lam a number")
 
 
 def plan_of(raster: Raster, settings: Settings, spacing: tuple[float, ...] | None) -> DenoisePlan:
-    """What to do with a picture, a volume or a series.
+    """Make the plan for a picture, a volume or a series.
 
     Raises
     ------
@@ -144,17 +144,17 @@ def plan_of(raster: Raster, settings: Settings, spacing: tuple[float, ...] | Non
     """
     given = {name: getattr(settings, name) for name in CHOICE if hasattr(settings, name)}
     averaging = None if settings.average_patches is None else AVERAGING[settings.average_patches]
-    # of a guide it matters here that there is one
+    # the plan depends only on whether there is a guide
     guide = None if settings.guide is None else raster.values
     given |= {"spacing": spacing, "guide": guide, "average_patches": averaging, "mask": None}
     plan = plan_denoising(raster, **cast("Choice", given))
-    if plan.sigma is None:  # it decided nothing, but is reported
+    if plan.sigma is None:  # not used, but reported
         plan = replace(plan, sigma=Noise(None).found(raster).sigma, estimated=True)
     return plan
 
 
 def rehearse(settings: Settings) -> None:
-    """Raise what any picture would: options that are wrong whatever the file holds.
+    """Raise the errors of options that are wrong for any file.
 
     Raises
     ------
@@ -164,9 +164,9 @@ def rehearse(settings: Settings) -> None:
     expect_fitting(settings)
     backends.get(settings.backend, np.float32 if settings.dtype is None else settings.dtype)
     noise = np.random.default_rng(0).standard_normal((8, 8))
-    if isinstance(settings.lam, str):  # which is searched for in each file
+    if isinstance(settings.lam, str):  # the search needs the file
         settings = replace(settings, lam=None)
-    if settings.spacing is not None:  # in whose units the radius is
+    if settings.spacing is not None:  # the radius is in its units
         settings = replace(settings, radius=None)
     raster = Raster.of(noise)
     plan = plan_of(raster, settings, None)

@@ -1,4 +1,4 @@
-"""From a mesh file to a denoised or simpler one: what ``gpureg mesh`` does."""
+"""Denoise or simplify a mesh file: the work of ``gpureg mesh``."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from .outputs import Outputs
 
 MESH_WEIGHTS = (*WEIGHTS, "cotangent")
 
-# Options that are for denoising alone.
+# The options that are only for denoising.
 _DENOISING = ("filter", "taubin", "sigma", "fix_border", "max_displacement", "values")
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSettings(ViewedSettings):
-    """What is asked for, apart from IN and OUT: the options of ``gpureg mesh``."""
+    """The options, without IN and OUT, of ``gpureg mesh``."""
 
     filter: Filter | None = None
     taubin: bool = False
@@ -41,33 +41,28 @@ class MeshSettings(ViewedSettings):
 
     @property
     def simplifies(self) -> bool:
-        """Whether the mesh is to have fewer vertices, instead of less noise."""
+        """Whether to simplify the mesh instead of denoising it."""
         return self.simplify or self.n_vertices is not None
 
     def model_on(self, surface: Surface, *names: str) -> dict[str, Any]:
-        """The options of the model, and those of these names, that were given, for a surface."""
+        """Return the given options of the model and those of these names, for a surface."""
         told = self.model(*names)
         return told if self.weights != "cotangent" else told | {"weights": cotangent(surface.welded()[0].faces)}
 
     def check(self) -> None:
-        """Refuse options that do nothing together.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         given = self.first_given(_DENOISING)
         if self.simplifies and given is not None:
             raise ValueError(f"{given} is for denoising, --simplify and --n-vertices are not; run twice")
         if not self.simplifies and self.values is not None and self.filter is not None:
             raise ValueError("--values are denoised instead of the positions: leave --filter out")
         if not self.simplifies and self.weights == "cotangent" and self.values is None and self.filter != "positions":
-            raise ValueError("--weights cotangent are between vertices: give --filter positions")
+            raise ValueError("--weights cotangent needs --filter positions or --values")
         self.check_view()
 
 
 def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: bool = False) -> MeshReport:
-    """Denoise or simplify the mesh `source` into the file `target`, and draw both where a picture is asked for.
+    """Denoise or simplify the mesh `source` into the file `target`, and draw both if a picture is asked for.
 
     All files are written, or none.
 
@@ -76,7 +71,7 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
     source, target : Path
     settings : MeshSettings
     progress : bool, default False
-        Whether to draw a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
@@ -85,7 +80,7 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
     Raises
     ------
     MeshError, PictureError
-        A file that cannot be read or written, a picture where matplotlib is not installed.
+        A file cannot be read or written, or matplotlib is missing for the picture.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.denoise_mesh` and :func:`gpureg.simplify_mesh`.
     """
@@ -158,18 +153,18 @@ def _simplified(
 
 
 def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
-    """Read a mesh: the surface, the mesh as it was read, and the type of its coordinates."""
+    """Read a mesh; return the surface, the mesh of trimesh, and the type of its coordinates."""
     found = read_mesh(path)
     surface = surface_of(found.mesh)
     if path.suffix.lower() == ".stl":
-        # every face has corners of its own there; in another format that would stay so
+        # an STL stores the vertices of each face separately: merge them, or another format would repeat them
         whole, _ = surface.welded()
         surface = surface_of((whole.vertices, whole.faces))
     return surface, found.mesh, found.dtype
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:
-    """Find the values of that name at the vertices, (n,) or (n, 3)."""
+    """Return the values with this name at the vertices, (n,) or (n, 3)."""
     known = list(mesh.vertex_attributes)
     if mesh.visual.kind == "vertex":
         known.insert(0, "colours")
@@ -183,7 +178,7 @@ def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:
 
 
 def _put(mesh: Any, name: str, values: npt.NDArray[Any]) -> None:
-    """Put values instead of those of that name, in their type."""
+    """Replace the values with this name by values (n,) or (n, 3), in the same type."""
     if name == "colours":
         mesh.visual.vertex_colors[:, :3] = np.clip(np.rint(values), 0, 255)
         return

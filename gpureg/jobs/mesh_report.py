@@ -1,4 +1,4 @@
-"""What was done with a mesh: as JSON can hold it, and in a few lines."""
+"""The report on a mesh, for JSON and as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .report import Change, Displacement, ShapeReport, noise_line, number
 
 @dataclass(frozen=True)
 class Measures:
-    """Area and volume of a mesh before and after, and whether it is closed; of an open one the volume under cones."""
+    """Area and volume of a mesh, and whether it is closed, before and after; see :func:`gpureg.metrics.volume`."""
 
     area: Change
     volume: Change
@@ -26,17 +26,17 @@ class Measures:
 
     @classmethod
     def of(cls, before: Surface, after: Surface) -> Measures:
-        """Those of two surfaces."""
+        """Measure two surfaces."""
         one, two = (before.vertices, before.faces), (after.vertices, after.faces)
         measures = (metrics.area, metrics.volume, metrics.is_watertight)
         return cls(*(Change.of(measure, one, two) for measure in measures))
 
     def as_json(self) -> dict[str, Any]:
-        """The measures as JSON can hold them."""
+        """Return the measures as a dictionary for JSON."""
         return {name: getattr(self, name).as_json() for name in ("area", "volume", "closed")}
 
     def words(self) -> list[str]:
-        """What has become of them."""
+        """Describe how the measures changed."""
         volume, area = (f"{x.percent:.4g} %" if x.before else "none" for x in (self.volume, self.area))
         words = [f"volume {volume}" if self.closed.before else f"open; volume inside {volume}", f"area {area}"]
         return [*words, "no longer closed"] if self.closed.before and not self.closed.after else words
@@ -49,11 +49,11 @@ class MeshErrors:
     Attributes
     ----------
     file : Path
-        Where the truth is from.
+        File with the truth.
     hausdorff : float
-        The distance of the mesh that was made.
+        The distance of the mesh after.
     normal_angle, vertex : Change or None
-        Errors of normals, in degrees, and of vertices, in mean edges, where all have the same faces.
+        Errors of normals, in degrees, and of vertices, in mean edges; None if the faces are not the same.
     """
 
     file: Path
@@ -63,7 +63,7 @@ class MeshErrors:
 
     @classmethod
     def of(cls, file: Path, before: Surface, after: Surface, truth: Surface) -> MeshErrors:
-        """The errors of two surfaces."""
+        """Measure the errors of two surfaces."""
         pairs = [(surface.vertices, surface.faces) for surface in (before, after)]
         alike = all(
             surface.vertices.shape == truth.vertices.shape and np.array_equal(surface.faces, truth.faces)
@@ -77,7 +77,7 @@ class MeshErrors:
         return cls(file, far, angle, Change.of(lambda pair: metrics.vertex_error(pair, true), *pairs))
 
     def as_json(self) -> dict[str, Any]:
-        """The errors as JSON can hold them."""
+        """Return the errors as a dictionary for JSON."""
         errors: dict[str, Any] = {"file": str(self.file), "hausdorff": self.hausdorff}
         for name in ("normal_angle", "vertex"):
             change = getattr(self, name)
@@ -85,7 +85,7 @@ class MeshErrors:
         return errors
 
     def line(self) -> str:
-        """The errors for a reader."""
+        """Return the errors as a line of text."""
         assert math.isfinite(self.hausdorff)
         words = ["other faces than the reference"]
         if self.normal_angle is not None and self.vertex is not None:
@@ -97,21 +97,21 @@ class MeshErrors:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeshReport(ShapeReport):
-    """What a report on a mesh has, be it denoised or simplified.
+    """The common part of the reports on denoised and simplified meshes.
 
     Attributes
     ----------
     measures : Measures or None
-        None where the vertices have not moved.
+        None if the vertices have not moved.
     errors : MeshErrors or None
-        Where there is a reference.
+        None without a reference.
     """
 
     measures: Measures | None
     errors: MeshErrors | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         report = super().as_json()
         if self.errors is None:
             return report
@@ -127,7 +127,7 @@ class MeshReport(ShapeReport):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeshDenoisingReport(MeshReport):
-    """What denoising a mesh did.
+    """The report on a denoised mesh.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ class MeshDenoisingReport(MeshReport):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeshSimplificationReport(MeshReport):
-    """What simplifying a mesh did.
+    """The report on a simplified mesh.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class MeshSimplificationReport(MeshReport):
     hausdorff: float
 
     def _counts(self) -> tuple[Change, Change]:
-        """Vertices on faces, and faces."""
+        """Count the vertices of faces, and the faces, before and after."""
         surface, found = self.found.surface, self.found
         used = len(np.unique(surface.welded()[0].faces))
         return Change(used, len(found.vertices)), Change(len(surface.faces), len(found.faces))

@@ -1,4 +1,4 @@
-"""What ``gpureg mesh``, ``points`` and ``curve`` are told in common: :class:`ShapeSettings`."""
+"""The common options of ``gpureg mesh``, ``points`` and ``curve``: :class:`ShapeSettings`."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ WEIGHTS = ("constant", "inverse-distance", "inverse-square")
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeSettings:
-    """The options that the commands for shapes have in common; None leaves it to the function that does the work."""
+    """The common options of the commands for shapes; None takes the default of the function that does the work."""
 
     MODEL: ClassVar[tuple[str, ...]] = ("p", "lam", "norm", "solver", "max_iter", "tol", "eps", "backend", "dtype")
-    """Options that are handed on as they are."""
+    """Options that are passed on unchanged."""
 
     p: float | None = None
     lam: float | None = None
@@ -35,7 +35,7 @@ class ShapeSettings:
     picture: Path | None = None
 
     def model(self, *names: str) -> dict[str, Any]:
-        """The options of the model, and those of these names, that were given."""
+        """Return the given options of the model and those of these names."""
         told = {name: getattr(self, name) for name in (*self.MODEL, *names) if getattr(self, name) is not None}
         if self.weights is not None:
             told["weights"] = {
@@ -46,19 +46,19 @@ class ShapeSettings:
         return told
 
     def first_given(self, names: Iterable[str]) -> str | None:
-        """The first of these options that was given, as it is written on the command line."""
+        """Return the first of these options that was given, as on the command line."""
         given = (name for name in names if getattr(self, name) not in (None, False))
         return next((f"--{name.replace('_', '-')}" for name in given), None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewedSettings(ShapeSettings):
-    """Those of shapes in space, whose pictures are seen from somewhere."""
+    """The common options of the commands for meshes and points, whose pictures have a view."""
 
     view: tuple[float, float] | Literal["auto"] = "auto"
     up: Literal["x", "y", "z"] | None = None
 
     def check_view(self) -> None:
-        """ValueError where a picture is to be turned that is not drawn."""
+        """Raise ValueError if there is a view but no picture."""
         if self.picture is None and (self.view != "auto" or self.up is not None):
-            raise ValueError("--view and --up turn the picture: give --picture too")
+            raise ValueError("--view and --up are for the picture: give --picture too")

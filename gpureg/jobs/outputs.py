@@ -1,4 +1,4 @@
-"""The files that ``gpureg mesh``, ``points`` and ``curve`` write, all or none: :class:`Outputs`."""
+"""Write the files of ``gpureg mesh``, ``points`` and ``curve``, all or none: :class:`Outputs`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..files.pictures import PictureError, check_place, write_files
 
 
 class Outputs:
-    """Files to write, checked before work is spent on what goes into them.
+    """Files to write, checked before the work begins.
 
     Parameters
     ----------
     source : Path
-        The file that is read. OUT may be the same one, for it is written last.
+        The input file. OUT may be the same file.
     reference : Path, optional
-        Another that is read.
+        Another input file.
     """
 
     def __init__(self, source: Path, reference: Path | None) -> None:
@@ -33,15 +33,15 @@ class Outputs:
         Parameters
         ----------
         option : str
-            What the caller named it by: "OUT", or an option.
+            Where the user gave the file: "OUT", or an option.
         path : Path
 
         Raises
         ------
         PictureError
-            A folder that is missing or may not be written.
+            The folder does not exist or cannot be written.
         ValueError
-            A file that is read, or written for another option.
+            The file is an input, or the output of another option.
         """
         check_place(path)
         for other in self._reference if option == "OUT" else [self._source, *self._reference]:
@@ -53,7 +53,7 @@ class Outputs:
         self._expected.append((option, path))
 
     def expect_picture(self, path: Path | None, error: type[PictureError]) -> None:
-        """Check the picture, where one is asked for; `error` is raised where matplotlib is not installed."""
+        """Check the picture, if one is asked for; raise `error` if matplotlib is not installed."""
         if path is None:
             return
         from ..plot.canvas import check_path
@@ -65,11 +65,11 @@ class Outputs:
         self.expect("--picture", path)
 
     def put(self, path: Path, content: bytes) -> None:
-        """What goes into a file."""
+        """Set the content of a file."""
         self._writes[path] = lambda temporary: temporary.write_bytes(content)
 
     def draw(self, path: Path, figure: Any) -> None:
-        """A matplotlib figure that goes into a file."""
+        """Set the matplotlib figure that is written to a file."""
         self._writes[path] = lambda temporary: figure.savefig(temporary)
 
     def write(self) -> None:
@@ -78,6 +78,6 @@ class Outputs:
         Raises
         ------
         PictureError
-            A disk that refuses.
+            A file cannot be written.
         """
         write_files(self._writes)

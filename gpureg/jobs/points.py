@@ -1,4 +1,4 @@
-"""From a file of points to a denoised or clustered one: what ``gpureg points`` does."""
+"""Denoise or cluster a file of points: the work of ``gpureg points``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CHANNELS = ("red", "green", "blue")
 
 @dataclass(frozen=True, kw_only=True)
 class PointsSettings(ViewedSettings):
-    """What is asked for, apart from IN and OUT: the options of ``gpureg points``."""
+    """The options, without IN and OUT, of ``gpureg points``."""
 
     MODEL: ClassVar[tuple[str, ...]] = ("k", *ViewedSettings.MODEL)
 
@@ -41,16 +41,11 @@ class PointsSettings(ViewedSettings):
 
     @property
     def clusters(self) -> bool:
-        """Whether points get a cluster, instead of moving."""
+        """Whether to cluster the points instead of denoising them."""
         return self.cluster or self.n_clusters is not None
 
     def check(self) -> None:
-        """Refuse options that do nothing together.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Raise ValueError for combinations of options that have no effect."""
         given = self.first_given(_DENOISING if self.clusters else _CLUSTERING)
         if given is not None and self.clusters:
             raise ValueError(f"{given} is for denoising, --cluster and --n-clusters are not; run twice")
@@ -64,7 +59,7 @@ class PointsSettings(ViewedSettings):
 def points_file(
     source: Path, target: Path, settings: PointsSettings, *, progress: bool = False
 ) -> PointDenoisingReport | ClusteringReport:
-    """Denoise or cluster the points of `source` into the file `target`, and draw them where a picture is asked for.
+    """Denoise or cluster the points of `source` into the file `target`, and draw them if a picture is asked for.
 
     All files are written, or none.
 
@@ -73,7 +68,7 @@ def points_file(
     source, target : Path
     settings : PointsSettings
     progress : bool, default False
-        Whether to draw a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
@@ -82,7 +77,7 @@ def points_file(
     Raises
     ------
     PointsError, PictureError
-        A file that cannot be read or written, a picture where matplotlib is not installed.
+        A file cannot be read or written, or matplotlib is missing for the picture.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.denoise_points` and :func:`gpureg.cluster_points`.
     """
@@ -101,7 +96,7 @@ def points_file(
     return report
 
 
-# The points, columns that are new, the values by which they are coloured before and after, and the report.
+# The points, the new columns, the values for the colours before and after, and the report.
 _Done = tuple[
     npt.NDArray[Any],
     dict[str, npt.NDArray[Any]],
@@ -151,7 +146,7 @@ def _clustered(given: PointsFile, source: Path, target: Path, settings: PointsSe
 
 
 def _values(given: PointsFile, name: str, source: Path) -> npt.NDArray[Any]:
-    """Find the values of that name at the points, (n,), or (n, 3) for colours."""
+    """Return the values with this name at the points, (n,), or (n, 3) for colours."""
     if name == "colours" and all(channel in given.columns for channel in _CHANNELS):
         return np.stack([given.columns[channel] for channel in _CHANNELS], axis=1)
     if name not in given.columns:
@@ -161,14 +156,14 @@ def _values(given: PointsFile, name: str, source: Path) -> npt.NDArray[Any]:
 
 
 def _named(given: PointsFile, name: str, values: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
-    """Make of regularized values the columns that they came from, in their types."""
+    """Convert regularized values, (n,) or (n, 3), to the columns of the file, in the same types."""
     if name == "colours" and name not in given.columns:
         return {channel: _typed(values[:, c], given.columns[channel]) for c, channel in enumerate(_CHANNELS)}
     return {name: _typed(values, given.columns[name])}
 
 
 def _typed(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    # text has integers where numbers happened to be whole
+    # a column of text is int64 if its numbers happen to be whole; its regularized values are not rounded
     if like.dtype.kind in "iu" and like.dtype.itemsize < 8:
         limits = np.iinfo(like.dtype)
         rounded: npt.NDArray[Any] = np.clip(np.rint(values), limits.min, limits.max).astype(like.dtype)
@@ -187,7 +182,7 @@ def _drawn(
 
     d = before.shape[1]
     if d not in (2, 3):
-        raise ValueError(f"--picture draws points of the plane or of space, these have {d} coordinates: leave it out")
+        raise ValueError(f"--picture draws points with 2 or 3 coordinates, these have {d}: leave it out")
     style: Any = {"view": settings.view, "up": settings.up, "caption": report.filter}
     if isinstance(report, ClusteringReport):
         return points({f"{len(report.sizes)} clusters": after}, values=[report.labels], **style)

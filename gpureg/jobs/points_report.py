@@ -1,4 +1,4 @@
-"""What was done with points: as JSON can hold it, and in a few lines."""
+"""The report on points, for JSON and as text."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class PointErrors:
     Attributes
     ----------
     file : Path
-        Where the truth is from.
+        File with the truth.
     surface, nearest, point : Change or None
-        From its surface, if it is a mesh, else from its nearest point; and from the point of the same number.
+        Distance from its surface if it is a mesh, else from its nearest point; and from the point of the same index.
     """
 
     file: Path
@@ -39,7 +39,7 @@ class PointErrors:
 
     @classmethod
     def of(cls, file: Path, before: FloatArray, after: FloatArray, truth: PointsFile) -> PointErrors:
-        """The errors of points (n, d) before and after."""
+        """Measure the errors of points (n, d) before and after."""
         surface = nearest = point = None
         if truth.faces is not None and before.shape[1] == 3:
             mesh = (truth.points, truth.faces)
@@ -57,11 +57,11 @@ class PointErrors:
         return {name: change for name in _WORDS if (change := getattr(self, name)) is not None}
 
     def as_json(self) -> dict[str, Any]:
-        """The errors as JSON can hold them."""
+        """Return the errors as a dictionary for JSON."""
         return {"file": str(self.file)} | {name: change.as_json() for name, change in self._changes().items()}
 
     def lines(self) -> list[str]:
-        """The errors for a reader."""
+        """Return the errors as lines of text."""
         return [
             f"errors   {_WORDS[name]} {error.before:.4g} -> {error.after:.4g}, root mean square"
             for name, error in self._changes().items()
@@ -74,13 +74,13 @@ def _mean(distance: Callable[[FloatArray], FloatArray], before: FloatArray, afte
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointDenoisingReport(ShapeReport):
-    """What denoising points did.
+    """The report on denoised points.
 
     Attributes
     ----------
     found : PointDenoising
     errors : PointErrors or None
-        Where there is a reference.
+        None without a reference.
     """
 
     found: PointDenoising
@@ -123,14 +123,14 @@ class PointDenoisingReport(ShapeReport):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ClusteringReport(ShapeReport):
-    """What clustering points found.
+    """The report on clustered points.
 
     Attributes
     ----------
     labels : (n,) int32 array
         The cluster of each point.
     given : bool
-        Whether their number was.
+        Whether the number of clusters was given.
     """
 
     filter: str = "points that meet for p < 1, pieces joined by their mean weight"
@@ -139,7 +139,7 @@ class ClusteringReport(ShapeReport):
 
     @property
     def sizes(self) -> list[int]:
-        """How many points each cluster has."""
+        """Number of points of each cluster."""
         sizes: list[int] = np.bincount(self.labels).tolist()
         return sizes
 

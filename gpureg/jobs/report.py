@@ -1,4 +1,4 @@
-"""What several reports have in common: lines, and the report on a shape, be it a mesh, points or curves."""
+"""The common parts of reports: lines of text, and the report on a mesh, points or curves."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ WHITE = {"uint8": " of 255", "uint16": " of 65535"}
 
 
 def number(value: float) -> float | str:
-    """A number as JSON can hold it."""
+    """Convert NaN and infinity to text for JSON."""
     return value if math.isfinite(value) else str(value)
 
 
 def run_of(plan: DenoisePlan, result: Result) -> dict[str, Any]:
-    """What a report says of one run of the model."""
+    """Return the report on one run of the model, for JSON."""
     return {
         "sigma": plan.sigma,
         "sigma_estimated": plan.estimated,
@@ -45,7 +45,7 @@ def run_of(plan: DenoisePlan, result: Result) -> dict[str, Any]:
 
 
 def about(source: Path, target: Path, picture: Picture) -> dict[str, Any]:
-    """What a report says of the files and the picture in them, as JSON can hold it."""
+    """Return the report on the files and the picture, for JSON."""
     files: dict[str, Any] = {
         "input": str(source),
         "output": str(target),
@@ -61,19 +61,19 @@ def about(source: Path, target: Path, picture: Picture) -> dict[str, Any]:
 
 
 def axes_line(report: dict[str, Any]) -> str:
-    """That axes were taken on trust, and what says otherwise."""
+    """Say that axes were guessed, and which option changes them."""
     series = report["axes"].replace("Z", "T")
     return f"axes     {report['axes']}: a volume, since the file names no axis; --axes {series} makes it a series"
 
 
 def left_out(nans: int, outside: int) -> str:
-    """How many pixels took no part."""
+    """Say how many pixels were left out."""
     counts = ((nans, "NaN"), (outside, "outside the mask"))
     return "left out " + ", ".join(f"{count} pixel(s) {why}" for count, why in counts if count)
 
 
 def quality_line(psnr: Mapping[str, float | str], ssim: Mapping[str, float | str]) -> str:
-    """PSNR and SSIM of input and output."""
+    """Return the line with PSNR and SSIM of input and output."""
     before, after = (float(psnr[which]) for which in ("input", "output"))
     line = f"quality  PSNR {before:.2f} -> {after:.2f} dB"
     before, after = (float(ssim[which]) for which in ("input", "output"))
@@ -82,7 +82,7 @@ def quality_line(psnr: Mapping[str, float | str], ssim: Mapping[str, float | str
 
 
 def done_line(report: dict[str, Any]) -> str:
-    """How long it took and where, the picture's size, and the file."""
+    """Return the line with the duration, the backend, the size of the picture, and the file."""
     if "axes" in report:
         letters = zip(report["axes"], report["shape"], strict=True)
         size = " x ".join(f"{length} {letter}" for letter, length in letters if letter != "C")
@@ -101,52 +101,52 @@ class Change:
 
     @classmethod
     def of(cls, measure: Callable[[T], Any], before: T, after: T) -> Change:
-        """What a measure says of both."""
+        """Measure both."""
         return cls(measure(before), measure(after))
 
     def as_json(self) -> dict[str, Any]:
-        """Both, as JSON can hold them."""
+        """Return both for JSON."""
         return {"before": self.before, "after": self.after}
 
     @property
     def percent(self) -> float:
-        """The latter in percent of the former."""
+        """After in percent of before."""
         return float(100 * self.after / self.before)
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """How far vertices have moved."""
+    """The largest and the mean displacement of vertices."""
 
     largest: float
     mean: float
 
     @classmethod
     def of(cls, distance: FloatArray) -> Displacement:
-        """That of distances (n,)."""
+        """Compute both from the distances (n,)."""
         return cls(float(distance.max()), float(distance.mean()))
 
     def as_json(self) -> dict[str, Any]:
-        """Both numbers, as JSON can hold them."""
+        """Return both for JSON."""
         return {"largest": self.largest, "mean": self.mean}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShapeReport:
-    """What was done with a shape.
+    """The report on a shape.
 
     Attributes
     ----------
     input, output : Path
         IN and OUT.
     filter : str
-        What was done, in a line.
+        Description of the work in one line.
     results : sequence of Result
         The runs of the model.
     seconds : float
-        How long it took.
+        Duration of the work.
     picture : Path or None
-        Where it is drawn.
+        File of the picture.
     """
 
     input: Path
@@ -158,16 +158,16 @@ class ShapeReport:
 
     @property
     def backend(self) -> str | None:
-        """Where the model ran; None if it did not."""
+        """Backend of the runs; None without runs."""
         return self.results[0].backend if self.results else None
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         report = {"input": str(self.input), "output": str(self.output)} | self._told()
         return report if self.picture is None else report | {"picture": str(self.picture)}
 
     def lines(self) -> list[str]:
-        """The report for a reader."""
+        """Return the report as lines of text."""
         on = f" on {self.backend}" if self.backend else ""
         size = self._size()
         return [
@@ -179,23 +179,23 @@ class ShapeReport:
         ]
 
     def _told(self) -> dict[str, Any]:
-        """What there is to say, apart from the files."""
+        """Return the report for JSON, without the files."""
         raise NotImplementedError
 
     def _noise(self) -> list[str]:
-        """The line on the noise, where there is one."""
+        """Return the line on the noise, or no line."""
         return []
 
     def _found(self) -> list[str]:
-        """Lines on what was found."""
+        """Return the lines on the result."""
         raise NotImplementedError
 
     def _size(self) -> str:
-        """How large the shape is."""
+        """Return the size of the shape."""
         return ""
 
     def _runs(self) -> dict[str, Any]:
-        """What there is to say of the runs, and of the program."""
+        """Return the report on the runs and the version, for JSON."""
         return {
             "iterations": sum(run.iterations for run in self.results),
             "stop": [run.stop.name.lower() for run in self.results],
@@ -206,5 +206,5 @@ class ShapeReport:
 
 
 def noise_line(sigma: float, share: str, estimated: bool) -> str:
-    """The deviation of the noise, and where it is from."""
+    """Return the line with the standard deviation of the noise, and its origin."""
     return f"noise    sigma = {sigma:.4g}{share}, {'estimated' if estimated else 'as given'}"

@@ -1,4 +1,4 @@
-"""From a picture file to a simpler one, and its partition: what ``gpureg simplify`` does."""
+"""Simplify a picture file, and write its partition: the work of ``gpureg simplify``."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .simplify_report import Errors, RegionRun, SimplifyReport
 from .simplify_settings import Simplification
 from .slices import Layout, beside, inside_of, layout_of
 
-# Outputs that have the picture's cells, and not its channels.
+# Outputs on the picture's pixels, without its channels.
 _ON_CELLS = ("--labels", "--random-colours")
 
-# Words of a file that stay true of labels and colours.
+# Metadata of a file that are valid for labels and colours.
 _SIZES = ("spacing", "unit", "finterval", "fps", "PhysicalSize", "TimeIncrement")
 
 
 def simplify_file(source: Path, target: Path, settings: Simplification, *, progress: bool = False) -> SimplifyReport:
-    """Simplify the picture, volume or series `source` into the file `target`, and write what is asked for beside it.
+    """Simplify the picture, volume or series `source` into the file `target`, and write the other outputs.
 
     All files are written, or none.
 
@@ -40,7 +40,7 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     source, target : Path
     settings : Simplification
     progress : bool, default False
-        Whether to draw a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     Raises
     ------
     PictureError
-        A file that cannot be read or written, or files that do not fit together.
+        A file cannot be read or written, or files do not fit together.
     ValueError, TypeError, BackendUnavailable, FloatingPointError, MemoryError, Interrupted
         As :func:`gpureg.simplify_image`.
     """
@@ -108,7 +108,7 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
 
 
 def _expect_apart(source: Path, outputs: dict[str, Path], settings: Simplification) -> None:
-    """Refuse two outputs in one file, and one that overwrites what is read; only OUT may be IN."""
+    """Refuse two outputs in one file, and an output that overwrites an input; only OUT may be IN."""
     known: dict[Path, str] = {}
     for option, path in outputs.items():
         place = Path(os.path.realpath(path))
@@ -130,11 +130,11 @@ def _check_destinations(outputs: dict[str, Path], picture: Picture) -> None:
             like = _on_cells(np.broadcast_to(np.uint8(0), shape), picture)
         check_destination(path, like)
         if option == "--labels" and FORMATS[path.suffix.lower()] != "TIFF":
-            raise PictureError(f"{path}: labels are written as TIFF, whatever their number; name the file .tif")
+            raise PictureError(f"{path}: labels are written as TIFF; name the file .tif")
 
 
 def _markers(picture: Picture, source: Path, path: Path, layout: Layout) -> npt.NDArray[np.int32]:
-    """The slices of a picture of markers, numbered from 0 in each, -1 where there is none."""
+    """Read the markers as slices (s, ...): numbered from 0 in each slice, -1 where there is no marker."""
     path = beside(path, source)
     drawn = read_picture(path, labels=True)
     if drawn.channel_axis is not None:
@@ -162,7 +162,7 @@ def _markers(picture: Picture, source: Path, path: Path, layout: Layout) -> npt.
 def _parts(
     regions: Regions, found: Regions, value: npt.NDArray[Any], first: int
 ) -> dict[str, Callable[[], npt.NDArray[Any]]]:
-    """What may be written of a slice, `first` the number of its first region: a region of one is none of the next."""
+    """Return functions that make the outputs of a slice; `first` is the label of its first region."""
     return {
         "OUT": lambda: value,
         "--labels": lambda: np.where(found.labels >= 0, found.labels.astype(np.int64) + first, -1),
@@ -172,7 +172,7 @@ def _parts(
 
 
 def _untouched(part: npt.NDArray[Any], shape: tuple[int, ...]) -> dict[str, Callable[[], npt.NDArray[Any]]]:
-    """What may be written of a slice in which no pixel takes part."""
+    """Return functions that make the outputs of a slice in which all pixels are left out."""
     return {
         "OUT": lambda: part,
         "--labels": lambda: np.full(shape, -1),
@@ -182,7 +182,7 @@ def _untouched(part: npt.NDArray[Any], shape: tuple[int, ...]) -> dict[str, Call
 
 
 def _picture(option: str, slices: list[npt.NDArray[Any]], picture: Picture, layout: Layout) -> Picture:
-    """What is written where `option` says."""
+    """Return the picture to write for `option`."""
     if option not in _ON_CELLS:
         return replace(picture, pixels=layout.turned_back(slices, picture.axes))
     cells = picture.axes.replace("C", "")
@@ -192,7 +192,7 @@ def _picture(option: str, slices: list[npt.NDArray[Any]], picture: Picture, layo
 
 
 def _on_cells(array: npt.NDArray[Any], picture: Picture) -> Picture:
-    """Labels or colours on the cells of a picture, with its axes and sizes and none of its looks."""
+    """Return labels or colours on the pixels of a picture, with its axes and sizes, without its display settings."""
     cells, tags = picture.axes.replace("C", ""), picture.tags
     words = {name: word for name, word in tags.words.items() if name.startswith(_SIZES)}
     plain = Tags(tags.kind, tags.named, True, words, tags.resolution, tags.sizes)
@@ -200,6 +200,6 @@ def _on_cells(array: npt.NDArray[Any], picture: Picture) -> Picture:
 
 
 def _label_type(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Labels in the smaller of two types that holds them all; of these ImageJ knows the first."""
+    """Convert labels to uint16, which ImageJ reads, if they fit, otherwise to int32."""
     fits = labels.min() >= 0 and labels.max() <= np.iinfo(np.uint16).max
     return labels.astype(np.uint16 if fits else np.int32)

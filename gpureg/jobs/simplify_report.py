@@ -1,4 +1,4 @@
-"""What was done with a picture that was simplified: :class:`SimplifyReport`, as JSON can hold it and in a few lines."""
+"""The report on a simplified picture, for JSON and as text: :class:`SimplifyReport`."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from .simplify_settings import Simplification
 
 _SOURCES = {"extrema": "regional extrema of the intensity", "gradient": "regional minima of the gradient"}
 _MODELS = {"mean": "the regions' means", "median": "the regions' medians", "source": "the sources' values"}
-# What of the settings a report says in all cases, and where it is given.
+# The settings that a report always has, and those that it has if they are given.
 _ALWAYS = ("sources", "model", "metric", "compactness", "p", "lam", "norm", "rings", "by_size", "weights")
 _IF_GIVEN = ("h", "sigma_space", "sigma_value", "merge_tol")
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Squared differences from the picture, added up over its pixels that take part, and the range of its values.
+    """Sums of the squared differences from the picture over the pixels that count, and the range of its values.
 
     Attributes
     ----------
     fine, output : float
         Sums for the regions before regularization, and for the output.
     count : int
-        Values that were added up.
+        Number of values in the sums.
     low, high : float
         Range of the picture's values.
     """
@@ -52,9 +52,9 @@ class Errors:
         value: npt.NDArray[Any],
         inside: npt.NDArray[np.bool_] | None,
     ) -> Errors:
-        """These errors, and those of a slice."""
+        """Add the errors of a slice (h, ...); `inside` is its mask."""
         of_fine, of_output, count, low, high = self.fine, self.output, self.count, self.low, self.high
-        # row by row: as float64 the differences of a large picture would take several times its memory
+        # row by row: the differences of a large picture in float64 would need several times its memory
         for i, row in enumerate(part):
             valid = slice(None) if inside is None else inside[i]
             values = row[valid].astype(np.float64)
@@ -66,7 +66,7 @@ class Errors:
         return Errors(of_fine, of_output, count, low, high)
 
     def psnr(self, dtype: npt.DTypeLike) -> dict[str, float]:
-        """Peak signal-to-noise ratios in dB; the peak is the range of an integer type, or that of the values."""
+        """Compute the PSNR in dB; the peak is the range of an integer type, otherwise that of the values."""
         kind = np.dtype(dtype)
         peak = float(np.iinfo(kind).max) if kind.kind == "u" else self.high - self.low
         return {
@@ -77,7 +77,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class RegionRun:
-    """What became of one picture or slice.
+    """The result for one picture or slice.
 
     Attributes
     ----------
@@ -85,11 +85,11 @@ class RegionRun:
     percent : float
         Regions in percent of the pixels.
     smooth : float
-        Standard deviation of the Gaussian that the partition looked through, in pixels.
+        Standard deviation, in pixels, of the Gaussian that smoothed the picture for the partition.
     merged : int or None
-        Regions after joining, None where none were to be joined.
+        Number of regions after merging, None without merging.
     result : Result
-        Of the regularization, without its value.
+        The result of the regularization, without its value.
     stages : mapping of str to float
         Seconds by stage.
     """
@@ -103,7 +103,7 @@ class RegionRun:
 
     @classmethod
     def of(cls, regions: Regions, found: Regions) -> RegionRun:
-        """The run that gave these regions, and `found`, the same or what they were joined to."""
+        """Make the report of a run with these regions; `found` are the regions after merging, if any."""
         assert found.result is not None
         return cls(
             regions.n_regions,
@@ -115,7 +115,7 @@ class RegionRun:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The run as JSON can hold it."""
+        """Return the run as a dictionary for JSON."""
         result = self.result
         return (
             {"regions": self.regions, "percent": self.percent, "smooth": self.smooth}
@@ -129,24 +129,24 @@ class RegionRun:
 
 @dataclass(frozen=True)
 class SimplifyReport:
-    """What was done with a picture, a volume or a series.
+    """The report on a simplified picture, volume or series.
 
     Attributes
     ----------
     files : mapping
-        What :func:`gpureg.jobs.report.about` says of the files and the picture in them.
+        What :func:`gpureg.jobs.report.about` returns for the files and the picture.
     asked : Simplification
     runs : tuple of RegionRun
-        One for each slice that was simplified.
+        One for each simplified slice.
     errors : Errors
     through : str, default ""
-        Letters of the axes whose slices were treated one by one.
+        Letters of the axes whose slices were processed one by one.
     spacing : mapping of str to float, optional
         Size of a pixel along each axis, by its letter.
     outside_mask, nan : int, default 0
-        Pixels that were left out by the mask, and because they are NaN.
+        Numbers of pixels that the mask excludes, and that are NaN.
     outputs : mapping of str to Path
-        The files that were written besides OUT, by the name of their option.
+        The files other than OUT, by the name of their option.
     """
 
     files: Mapping[str, Any]
@@ -161,31 +161,31 @@ class SimplifyReport:
 
     @property
     def pixels(self) -> int:
-        """Pixels that took part."""
+        """Number of pixels that were not left out."""
         return int(self.errors.count // self.files["channels"])
 
     @property
     def regions(self) -> int:
-        """Regions of all slices."""
+        """Number of regions of all slices."""
         return sum(run.regions for run in self.runs)
 
     @property
     def merged(self) -> int | None:
-        """Regions of all slices after joining, None where none were to be joined."""
+        """Number of regions of all slices after merging, None without merging."""
         counts = [run.merged for run in self.runs if run.merged is not None]
         return sum(counts) if counts else None
 
     @property
     def stages(self) -> dict[str, float]:
-        """Seconds by stage, of all slices."""
+        """Seconds by stage, for all slices."""
         return {stage: round(sum(run.stages[stage] for run in self.runs), 4) for stage in self.runs[0].stages}
 
     def percent(self, regions: int) -> float:
-        """So many regions in percent of the pixels."""
+        """Return a number of regions in percent of the pixels."""
         return 100 * regions / self.pixels
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Return the report as a dictionary for JSON."""
         asked = self.asked
         report = {**self.files, **{name: getattr(asked, name) for name in _ALWAYS}}
         report["smooth_given"] = asked.smooth is not None
@@ -215,7 +215,7 @@ class SimplifyReport:
         return report | {name: str(path) for name, path in self.outputs.items()}
 
     def lines(self) -> list[str]:
-        """The report for a reader."""
+        """Return the report as lines of text."""
         report, (first, *_) = self.as_json(), self.runs
         lines = [] if self.files.get("axes_named", True) else [axes_line(report)]
         lines.append(f"sources  {self._sources()}{self._smoothing()}")

@@ -1,4 +1,4 @@
-"""What ``gpureg simplify`` is asked for besides IN and OUT: :class:`Simplification`."""
+"""The options of ``gpureg simplify``: :class:`Simplification`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Kind = WeightKind | Literal["bilateral"]
 
 @dataclass(frozen=True)
 class Simplification:
-    """What is asked for besides IN and OUT; the fields are the options of ``gpureg simplify``."""
+    """The options of ``gpureg simplify``, without IN and OUT."""
 
     sources: SourceKind | int = "extrema"
     markers: Path | None = None
@@ -51,12 +51,12 @@ class Simplification:
     fine: Path | None = None
 
     def model_of_regions(self) -> dict[str, Any]:
-        """What :func:`gpureg.simplify_image` is told besides the picture, its sources, its mask and its axes.
+        """Return the options of the model for :func:`gpureg.simplify_image`.
 
         Raises
         ------
         ValueError
-            Bilateral weights without their reach.
+            Bilateral weights without their scales.
         """
         kind: Kind | Weights = self.weights
         if self.weights == "bilateral":
@@ -73,6 +73,6 @@ class Simplification:
         return {"weights": kind} | {name: getattr(self, name) for name in names}
 
     def outputs(self, target: Path) -> dict[str, Path]:
-        """The files to write, by the option that names them."""
+        """Return the files to write, by their option."""
         files = {"OUT": target, "--labels": self.labels, "--random-colours": self.random_colours, "--fine": self.fine}
         return {option: path for option, path in files.items() if path is not None}

@@ -1,4 +1,4 @@
-"""How a picture of a file is laid out for the work: slices and grids, and which pixels take part."""
+"""Divide a picture into slices, and find the pixels that are left out."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from ..files.pictures import Picture, PictureError, read_picture
 
 @dataclass(frozen=True)
 class Layout:
-    """How the axes of a picture are used: some gone through slice by slice, the grid's, and the channels last.
+    """The use of the axes of a picture: axes of slices, axes of the grid, and the channels last.
 
     Attributes
     ----------
     through : str
-        Letters of the axes whose slices are treated one by one.
+        Letters of the axes whose slices are processed one by one.
     counts : tuple of int
-        How many slices there are along each of them.
+        Number of slices along each of them.
     grid : str
-        Letters of the axes that join the graph.
+        Letters of the axes of the graph.
     spacing : tuple of float or None
-        Size of a cell along each axis of the grid.
+        Size of a pixel along each axis of the grid.
     """
 
     through: str
@@ -38,17 +38,17 @@ class Layout:
 
     @property
     def several(self) -> str:
-        """The letters of `through` along which there is more than one slice."""
+        """The letters of `through` with more than one slice."""
         return "".join(letter for letter, count in zip(self.through, self.counts, strict=True) if count > 1)
 
     def turned(self, array: npt.NDArray[Any], letters: str) -> npt.NDArray[Any]:
-        """The slices of `array`, whose axes have these letters, along one first axis: a view where that can be."""
+        """Return `array`, whose axes have these letters, as slices (s, ...); a view if possible."""
         order = [letters.index(letter) for letter in self.through + self.grid + "C" if letter in letters]
         turned = array.transpose(order)
         return turned.reshape(-1, *turned.shape[len(self.through) :])
 
     def turned_back(self, slices: Sequence[npt.NDArray[Any]], axes: str) -> npt.NDArray[Any]:
-        """The array of these slices, whose axes have these letters."""
+        """Join slices to an array whose axes have these letters."""
         letters = [letter for letter in self.through + self.grid + "C" if letter in axes]
         whole = slices[0] if len(slices) == 1 else np.stack(slices)
         return whole.reshape(*self.counts, *slices[0].shape).transpose([letters.index(letter) for letter in axes])
@@ -57,12 +57,12 @@ class Layout:
 def layout_of(
     picture: Picture, source: Path, each: tuple[str, ...], spacing: tuple[float, ...] | Literal["file"] | None
 ) -> Layout:
-    """What `--each` and `--spacing` make of the picture that `source` holds.
+    """Make the layout from `--each` and `--spacing` for the picture in `source`.
 
     Raises
     ------
     ValueError, PictureError
-        Axes that are not there, sizes that are not one for each axis, or that the file does not name.
+        An axis does not exist, or the number of sizes is wrong, or the file does not have them.
     """
     axes = picture.axes
     for letter in each:
@@ -87,11 +87,11 @@ def layout_of(
     elif spacing is not None:
         if len(spacing) != len(joined):
             raise ValueError(
-                f"--spacing has {len(spacing)} number(s); in {source} {len(joined)} axes join the graph: "
+                f"--spacing has {len(spacing)} number(s); in {source} the graph has {len(joined)} axes: "
                 f"{', '.join(joined)}"
             )
         sizes = dict(zip(joined, spacing, strict=True))
-    # An axis of one slice is none: a picture gets the filter of a picture.
+    # An axis of length 1 is left out, so that a volume of one slice is denoised as a picture.
     grid = "".join(letter for letter in AXES if letter in joined and (letter in "YX" or picture.size(letter) > 1))
     through = "".join(letter for letter in AXES if letter in axes and letter not in grid + "C")
     counts = tuple(picture.size(letter) for letter in through)
@@ -99,17 +99,17 @@ def layout_of(
 
 
 def beside(path: Path, source: Path) -> Path:
-    """The file that goes with `source`: `path`, or the one of the same name in the folder `path`."""
+    """Return the file that belongs to `source`: `path`, or the file of the same name in the folder `path`."""
     return path / source.name if os.path.isdir(path) else path
 
 
 def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
-    """Where cells take part, None for everywhere; how many are left out as NaN, how many by the mask.
+    """Return the pixels that are not left out, None for all; how many are NaN, how many the mask excludes.
 
     Raises
     ------
     PictureError
-        A mask of another shape, or no pixel that takes part.
+        The mask has another shape, or all pixels are left out.
     """
     inside: npt.NDArray[np.bool_] | None = None
     nans = masked = 0
@@ -131,5 +131,5 @@ def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.ND
             nans = (number.size if inside is None else int(np.count_nonzero(inside))) - int(np.count_nonzero(both))
             inside = both
     if inside is not None and not inside.any():
-        raise PictureError(f"{source}: no pixel takes part, all are NaN or outside the mask")
+        raise PictureError(f"{source}: no pixel is left, all are NaN or outside the mask")
     return inside, nans, masked

@@ -1,1 +1,1 @@
-"""How much noise there is: in pictures, on graphs; and what fidelity fits it."""
+"""Estimate noise in pictures and on graphs, and the fidelity for it."""

@@ -1,4 +1,4 @@
-"""Noise measured in small blocks of a picture."""
+"""Measure noise in planes and volumes of an image."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy.typing as npt
 
 from ..arrays import all_finite, unmasked
 
-# Share of the pixels that is measured, the smoothest ones, but no fewer than so many.
+# Share of the pixels that is measured, the smoothest ones, and the smallest number of them.
 SMOOTHEST, AT_LEAST = 0.1, 200
 _SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
-# Cells along the third last axis from which on an image is a volume, and not a stack of planes.
+# An image is a volume, not a stack of planes, if its third last axis has at least this length.
 _THICK = 8
-# Pixels above which an image is looked at in tiles, evenly spread: by the number of axes, so many along each, and their
-# side. About 2^22 pixels in all.
+# Images of more pixels are measured in evenly spread tiles, about 2^22 pixels in all: for each number of axes, the
+# number of tiles along an axis, and their side.
 LARGE, TILES = 1 << 22, {2: (8, 256), 3: (4, 40)}
-# Side of the window in which texture is summed, by the number of axes.
+# Side of the window in which texture is averaged, for each number of axes.
 WINDOW = {2: 7, 3: 5}
 Block = tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]
 
 
 @dataclass(frozen=True)
 class _Measured:
-    """A part of a block: smoothed values, Immerkaer's response, texture, and where they count."""
+    """The measures of a part of a block, arrays of its shape: smoothed values, Immerkaer's response, texture, mask."""
 
     smooth: npt.NDArray[np.float64]
     response: npt.NDArray[np.float64]
@@ -36,7 +36,7 @@ class _Measured:
 
 
 def blocks(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> Iterator[Iterator[Block]]:
-    """For every channel its planes or volumes that have a pixel inside the mask, after checking."""
+    """Check an image, and yield for each channel its planes or volumes with a pixel inside the mask."""
     array = unmasked(image, "image")
     if array.dtype.kind not in "biuf":
         raise TypeError(f"image must hold real numbers, got {array.dtype}")
@@ -55,7 +55,7 @@ def blocks(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike |
         for block, kept in zip(cut, masks, strict=True):
             known = block if kept is None else block[kept]
             if not all_finite(known):
-                raise ValueError("image must be finite where the mask lets it count")
+                raise ValueError("image must be finite inside the mask")
             if known.size:
                 yield block, kept
 
@@ -63,7 +63,7 @@ def blocks(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike |
 
 
 def samples(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-    """The parts of a block that are looked at: all of it, or tiles of a large one."""
+    """Yield the parts of a block to measure: the whole block, or tiles of a large one."""
     if math.prod(shape) <= LARGE:
         yield tuple(slice(0, size) for size in shape)
         return
@@ -74,20 +74,20 @@ def samples(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
 
 
 def top(block: npt.NDArray[Any], kept: npt.NDArray[np.bool_] | None) -> float:
-    """The largest value inside the mask."""
+    """Return the largest value inside the mask."""
     return float((block if kept is None else block[kept]).max())
 
 
 def block_sigma(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> float:
-    """The noise of a plane or a volume."""
+    """Estimate the standard deviation of the noise in a plane or a volume."""
     low = float((block if mask is None else block[mask]).min())
     responses, textures = [], []
     for part in measured(block, mask, (low, top(block, mask))):
         if not part.valid.any() and block.size <= LARGE:
-            # A tiny or few-valued picture. One that repeats its values is no noise; of noise no value comes twice.
+            # A tiny picture, or one of few values. Repeated values are not noise, since values of noise differ.
             if (mask is None or mask.all()) and np.unique(block).size > block.size // 4:
                 inner = part.response[(slice(1, -1),) * block.ndim]
-                return float(np.median(np.abs(inner)) / 0.6744897501960817)  # of a normal law's |x|
+                return float(np.median(np.abs(inner)) / 0.6744897501960817)  # the median of |x| for a standard normal x
             return 0.0
         responses.append(part.response[part.valid])
         textures.append(part.texture[part.valid])
@@ -98,7 +98,7 @@ def block_sigma(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> 
 
 
 def smoothest(texture: npt.NDArray[np.float64], share: float) -> npt.NDArray[np.intp]:
-    """Where texture is weakest: this share of the pixels, but no fewer than there must be."""
+    """Return the indices of this share of the pixels, but at least AT_LEAST, with the weakest texture (n,)."""
     count = max(int(share * texture.size), min(AT_LEAST, texture.size))
     return np.argpartition(texture, min(count, texture.size - 1))[:count]
 
@@ -106,7 +106,7 @@ def smoothest(texture: npt.NDArray[np.float64], share: float) -> npt.NDArray[np.
 def measured(
     block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None, extremes: tuple[float, float]
 ) -> Iterator[_Measured]:
-    """All parts that are looked at; pixels near one that has a value of `extremes` do not count."""
+    """Yield the measures of all parts; pixels near a pixel with a value of `extremes` do not count."""
     from scipy import ndimage
 
     if min(block.shape) < 3:

@@ -1,4 +1,4 @@
-"""Noise of a function on the vertices of any graph."""
+"""Estimate the noise of a function on the vertices of a graph."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from ..arrays import FloatArray
 from ..graphs.csr import Graph
 
-# The median of |x| of a normal deviate of deviation 1.
+# The median of |x| for a standard normal x.
 MEDIAN = 0.6744897501960817
-# Vertices that are looked at, evenly spread, where there are more: their median is as good.
+# Maximum number of vertices to measure, evenly spread.
 _MOST = 100_000
 
 
 def averaging(graph: Graph) -> Any:
-    """The matrix M that replaces each value by the mean of its neighbours, CSR; rows of zeros without neighbours."""
+    """Return the CSR matrix M (n, n) that takes means over neighbours; rows are zero without neighbours."""
     from scipy import sparse
 
     degree = np.diff(graph.indptr)
@@ -25,9 +25,9 @@ def averaging(graph: Graph) -> Any:
 
 
 def second_differences(f: FloatArray, graph: Graph, first: FloatArray | None = None) -> FloatArray:
-    """(I - M)^2 f at vertices that have neighbours, in units of what it makes of white noise of deviation 1.
+    """Compute (I - M)^2 f, (k, m), at vertices with neighbours, relative to its deviation for white noise of sigma 1.
 
-    `first` takes the place of (I - M) f, where that is known. Of more than 100 000 vertices some, evenly spread.
+    `first` is (I - M) f, (n,) or (n, m), if it is known. At most 100 000 vertices are used, evenly spread.
     """
     from scipy import sparse
 
@@ -45,6 +45,6 @@ def second_differences(f: FloatArray, graph: Graph, first: FloatArray | None = N
 
 
 def noise_on_graph(f: FloatArray, graph: Graph) -> float:
-    """Deviation of white noise in a function (n,) or (n, m) that is smooth on the graph."""
+    """Estimate the standard deviation of white noise in a function (n,) or (n, m) that is smooth on the graph."""
     differences = np.abs(second_differences(f.reshape(len(f), -1), graph))
     return float(np.median(differences) / MEDIAN) if differences.size else 0.0

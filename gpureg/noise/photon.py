@@ -1,4 +1,4 @@
-"""Noise that grows with the signal (photon noise)."""
+"""Estimate noise that grows with the signal (photon noise)."""
 
 from __future__ import annotations
 
@@ -13,21 +13,20 @@ from ..doors import door
 from .blocks import AT_LEAST, SMOOTHEST, blocks, measured, smoothest, top
 from .white import check_channel_axis
 
-# Classes of brightness in which photon noise is measured, and how often their line is fitted anew.
+# Number of classes of brightness in which photon noise is measured, and of fits of their line.
 _CLASSES, _FITS = 48, 30
 
 
 @dataclass(frozen=True)
 class PhotonNoise:
-    """Noise whose variance grows with the light: ``gain * (mean - offset) + read_noise**2``.
+    """Noise with the variance ``gain * (mean - offset) + read_noise**2``.
 
     Attributes
     ----------
     gain : float
         Image units per detected photon, >= 0.
     read_noise : float
-        Standard deviation of what the camera adds without light, in the image's units; 0 also where the line meets
-        `offset` below 0.
+        Standard deviation of the noise without light, in the image's units; 0 if the fitted variance is negative.
     offset : float
         The image's value without light.
     """
@@ -37,9 +36,9 @@ class PhotonNoise:
     offset: float = 0.0
 
     def sigma(self, mean: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Standard deviation of the noise at these expected values, one each; below `offset` the read noise.
+        """Return the standard deviation of the noise at each expected value; below `offset` it is the read noise.
 
-        Give a smoothed image: at the noisy values themselves, pixels that happen to be dark count as quiet ones.
+        Give a smoothed image: at noisy values, pixels that are dark by chance would get too little noise.
         """
         light = np.maximum(np.asarray(mean, np.float64) - self.offset, 0)
         return np.sqrt(self.gain * light + self.read_noise**2)
@@ -53,24 +52,24 @@ def estimate_photon_noise(
     channel_axis: int | None = None,
     mask: npt.ArrayLike | None = None,
 ) -> PhotonNoise:
-    """Gain and read noise of a camera, from one of its images: photon noise grows with the light.
+    """Estimate the gain and the read noise of a camera from one image.
 
     Parameters
     ----------
     image : array
-        As in :func:`estimate_noise`; its values must be proportional to the light, but for `offset`.
+        As in :func:`estimate_noise`; after subtraction of `offset` its values must be proportional to the light.
     offset : float, default 0
-        The image's value without light: many scientific cameras add 100 to every pixel.
+        The image's value without light; it is 100 for many scientific cameras.
     channel_axis : int, optional
-        The axis of the channels, which share one gain.
+        Axis of the channels, which share one gain.
     mask : bool array, optional
-        True where the image counts.
+        True at the pixels to use.
 
     Returns
     -------
     PhotonNoise
-        Its ``sigma(smoothed)`` is a map of one standard deviation per pixel. Gain 0 where noise does not grow with the
-        light: then it is white.
+        Its ``sigma(smoothed)`` is a map of one standard deviation per pixel. The gain is 0 if the noise does not grow
+        with the light, that is, if it is white.
 
     Raises
     ------
@@ -79,11 +78,14 @@ def estimate_photon_noise(
 
     Notes
     -----
-    The photon transfer line, variance = gain (mean - offset) + read_noise^2 (Janesick, Photon Transfer, 2007). Mean
-    and Immerkaer's response are taken in classes of brightness, in each where texture is weakest; through them goes a
-    line with weights as their scatter has it (the variance of a variance of n samples is 2/n of its square), and
-    classes that lie far off count less (Huber's weights). The read noise is where the line meets `offset`: without
-    dark places it is an extrapolation. Saturated pixels are left out. Zeros of a camera that clips there look quiet.
+    The photon transfer line (Janesick, Photon Transfer, 2007) is::
+
+        variance = gain (mean - offset) + read_noise^2.
+
+    Mean and variance (from Immerkaer's response) are measured in classes of brightness, where texture is weakest. The
+    line is fitted to them with weights from the scatter (the variance of a variance of n samples is 2/n of its square)
+    and Huber's weights for outliers. Its value at `offset` is read_noise^2, an extrapolation for images without dark
+    regions. Saturated pixels are left out. If the camera clips at 0, its zeros look like pixels without noise.
 
     Examples
     --------
@@ -116,8 +118,8 @@ def estimate_photon_noise(
 def _classes(
     mean: npt.NDArray[np.float64], square: npt.NDArray[np.float64], texture: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Classes of brightness: mean, variance and number of pixels of each, where texture is weakest."""
-    # Equal steps of the root: where noise is that of photons it is the same in all.
+    """Return mean, variance and number of pixels, (k,) each, of classes of brightness, where texture is weakest."""
+    # Equal steps of the square root, in which photon noise is constant.
     root = np.sqrt(mean - mean.min())
     edges = np.linspace(0, root.max(), _CLASSES + 1)[1:-1]
     of = np.searchsorted(edges, root, side="right")
@@ -133,7 +135,7 @@ def _classes(
 def _line(
     means: npt.NDArray[np.float64], variances: npt.NDArray[np.float64], counts: npt.NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Slope >= 0 and level of the photon transfer line through classes of brightness, fitted robustly."""
+    """Fit the photon transfer line robustly to classes of brightness; return its slope >= 0 and its level."""
     weights = np.ones(len(means))
     slope = level = 0.0
     for _ in range(_FITS):

@@ -1,4 +1,4 @@
-"""Pictures of results: :mod:`gpureg.plot`. Matplotlib draws them (extra ``plot``), imported when the first is drawn."""
+"""Draw results: :mod:`gpureg.plot`. Needs Matplotlib (extra ``plot``), which is imported when a figure is drawn."""
 
 from .clouds import points
 from .comparison import compare, quality

@@ -1,4 +1,4 @@
-"""What pictures of things in space share: the camera that sees them, and panels side by side."""
+"""The common parts of pictures of shapes: a camera, and panels side by side."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 Axis = Literal["x", "y", "z"]
 
-# Inches of a panel's longer side, and panels in a row.
+# Longer side of a panel, in inches, and the number of panels in a row.
 PANEL, _ACROSS = 4.6, 4
-# Letters of the caption that an inch holds.
+# Letters of the caption per inch.
 _LETTERS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Directions to the right, up and to the viewer, as rows, and the point that is in the middle."""
+    """Directions to the right, up and to the viewer, the rows of `frame` (3, 3), and the centre (3,) of the view."""
 
     frame: FloatArray
     middle: FloatArray
 
     def seen(self, points: FloatArray) -> FloatArray:
-        """Points as (right, up, towards the viewer)."""
+        """Convert points (n, 3) to the coordinates right, up, towards the viewer."""
         turned: FloatArray = (points - self.middle) @ self.frame.T
         return turned
 
@@ -41,12 +41,12 @@ class Camera:
 def camera_of(
     points: FloatArray, view: tuple[float, float] | Literal["auto"], up: Axis | None, outward: FloatArray
 ) -> Camera:
-    """The camera for points (n, 3) of things whose fronts look, as a whole, along `outward`, at most 1 long.
+    """Return the camera for points (n, 3) of a surface with the mean normal `outward` (3,).
 
     Raises
     ------
     ValueError
-        A view or an axis that is none.
+        The view or the axis is wrong.
     """
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     names = get_args(Axis)
@@ -60,7 +60,7 @@ def camera_of(
         upward = np.eye(3)[names.index(up)]
         right = _unit(np.cross(upward, towards), np.roll(upward, 1))
         towards = _unit(_unit(towards - (towards @ upward) * upward, np.cross(right, upward)), upward)
-        # somewhat from above and aside
+        # slightly from above and from the side
         towards = np.cos(np.radians(28)) * towards - np.sin(np.radians(28)) * np.cross(upward, towards)
         towards = np.cos(np.radians(18)) * towards + np.sin(np.radians(18)) * upward
     else:
@@ -71,14 +71,14 @@ def camera_of(
         level = np.cos(azimuth) * ahead + np.sin(azimuth) * side
         towards = np.cos(elevation) * level + np.sin(elevation) * upward
         if abs(towards @ upward) > 1 - 1e-9:
-            # from straight above, what is behind is up
+            # from straight above: the direction to the back is up
             upward = -level
     right = _unit(np.cross(upward, towards), np.roll(upward, 1))
     return Camera(np.stack([right, np.cross(towards, right), towards]), middle)
 
 
 def _to_the_front(direction: FloatArray, outward: FloatArray) -> FloatArray:
-    """Of the two senses of a direction that to which an open surface turns its front; the axes' one of others."""
+    """Turn a direction (3,) to the side of the mean normal of an open surface, else make its largest part positive."""
     net = float(outward @ direction)
     if abs(net) < 0.05:
         net = float(direction[np.abs(direction).argmax()])
@@ -88,7 +88,7 @@ def _to_the_front(direction: FloatArray, outward: FloatArray) -> FloatArray:
 def _angles(view: Any) -> FloatArray:
     angles = np.asarray(view, dtype=np.float64) if not isinstance(view, str) else np.empty(0)
     if angles.shape != (2,) or not np.isfinite(angles).all() or abs(angles[1]) > 90:
-        raise ValueError(f'view must be "auto" or (azimuth, elevation) in degrees, the latter at most 90, got {view!r}')
+        raise ValueError(f'view must be "auto" or (azimuth, elevation) in degrees, elevation in -90..90, got {view!r}')
     radians: FloatArray = np.radians(angles)
     return radians
 
@@ -99,7 +99,7 @@ def _unit(vector: FloatArray, instead: FloatArray) -> FloatArray:
 
 
 def panels_of(size: FloatArray, titles: Sequence[str], caption: str, *, bar: bool) -> tuple[Figure, list[Axes]]:
-    """A figure and a panel for each mesh, in rows, all as wide and as high as `size` says."""
+    """Make a figure with one panel for each title, in rows, with the aspect of `size` (2,)."""
     across = min(len(titles), _ACROSS)
     down = -(-len(titles) // across)
     width, height = np.maximum(PANEL * size / size.max(), [2.4, 1.2])

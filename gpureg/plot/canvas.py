@@ -1,4 +1,4 @@
-"""What the pictures share: a figure and its file, sections of a volume, pixels as colours."""
+"""The common parts of pictures: figures and their files, sections of a volume, colours of pixels."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ if TYPE_CHECKING:
 
 Path_ = str | os.PathLike[str]
 
-# The colour of pixels that have no value.
+# The colour of pixels without a finite value.
 UNKNOWN = "#ff7f0e"
-# Inches of the widest panel, and of the longest column of them.
+# Width of the widest panel and height of the highest column of panels, in inches.
 _PANEL, _COLUMN = 4.6, 13.0
-# Letters of the caption that an inch holds.
+# Letters of the caption per inch.
 _LETTERS = 12
 
 
 def missing(name: str, package: str) -> ImportError:
-    """What to raise where a library of the extra is not installed."""
+    """Return the error for a library of the extra that is not installed."""
     return ImportError(f"this needs {package}: pip install 'gpureg[plot]'", name=name)
 
 
 def check_path(path: Path_ | None) -> None:
-    """Refuse a file whose extension is none of a picture, before anything is computed.
+    """Check the extension of a file before anything is computed.
 
     Raises
     ------
     ImportError
         Matplotlib is not installed.
     ValueError
-        The extension.
+        Matplotlib does not write this format.
     """
     try:
         from matplotlib.backend_bases import FigureCanvasBase
@@ -58,7 +58,7 @@ def check_path(path: Path_ | None) -> None:
 
 
 def new_figure(width: float, height: float, layout: Literal["constrained"] | None = None) -> Figure:
-    """An empty figure that no window and no global state knows, sizes in inches."""
+    """Make an empty figure without a window or global state; sizes are in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure: Figure = _shown()(figsize=(width, height), dpi=110, layout=layout)
@@ -67,14 +67,14 @@ def new_figure(width: float, height: float, layout: Literal["constrained"] | Non
 
 
 def _again() -> Any:
-    """A figure without anything, for pickle to fill."""
+    """Make a figure without attributes, which pickle sets."""
     cls = _shown()
     return cls.__new__(cls)
 
 
 @functools.cache
 def _shown() -> Any:
-    """Matplotlib's figure that a notebook shows where it is the last value of a cell, without pyplot."""
+    """Return a subclass of Matplotlib's figure that notebooks show without pyplot."""
     from matplotlib.figure import Figure
 
     class Shown(Figure):
@@ -84,26 +84,26 @@ def _shown() -> Any:
             return written.getvalue()
 
         def __reduce__(self) -> Any:
-            # the class has no name in a module that pickle could look up
+            # pickle cannot find a local class by its name
             return _again, (), self.__getstate__()
 
     return Shown
 
 
 def finish(figure: Figure, path: Path_ | None) -> Figure:
-    """The figure, once it is written to `path` where there is one."""
+    """Write the figure to `path`, if given, and return it."""
     if path is not None:
         write_atomically(path, lambda temporary: figure.savefig(temporary))
     return figure
 
 
 def as_picture(image: npt.ArrayLike, name: str, channel_axis: int | None) -> npt.NDArray[Any]:
-    """An image or a volume as (*shape, channels), a view.
+    """Return a view of an image or a volume as (*shape, channels).
 
     Raises
     ------
     TypeError, ValueError
-        Values that are not real, an axis of channels that is not there, other than two or three axes beside it.
+        The values are not real, the axis of the channels does not exist, or the other axes are not two or three.
     """
     array = unmasked(image, name)
     if array.dtype.kind not in "biuf":
@@ -115,20 +115,20 @@ def as_picture(image: npt.ArrayLike, name: str, channel_axis: int | None) -> npt
         array = array[..., None]
     if array.ndim not in (3, 4) or 0 in array.shape:
         raise ValueError(
-            f"{name} must be an image of two axes or a volume of three, channels apart (channel_axis), "
+            f"{name} must be an image of two axes or a volume of three, and an axis of channels (channel_axis), "
             f"got shape {np.shape(image)}"
         )
     return array
 
 
 def finite(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The values that are finite, in one row."""
+    """Return the finite values (n,)."""
     values: npt.NDArray[Any] = picture[np.isfinite(picture)]
     return values
 
 
 def span(picture: npt.NDArray[Any]) -> tuple[float, float]:
-    """The least and the largest finite value; made to differ where they do not."""
+    """Return the smallest and the largest finite value, changed to be different if they are equal."""
     values = finite(picture)
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return (low, high) if high > low else (low, low + (abs(low) or 1.0))
@@ -136,7 +136,7 @@ def span(picture: npt.NDArray[Any]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Section:
-    """A plane of an image or a volume: all of the former, or the latter at a place of one axis."""
+    """A plane: a whole image, or a volume at the index `at` of the axis `fixed`."""
 
     rows: int
     columns: int
@@ -144,11 +144,11 @@ class Section:
     at: int = 0
 
     def of(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The plane of an array on the grid, further axes kept."""
+        """Return the plane of an array (*shape, ...)."""
         return array if self.fixed is None else array.take(self.at, axis=self.fixed)
 
     def size(self, shape: Sequence[float], spacing: Sequence[float]) -> tuple[float, float]:
-        """Height and width in the units of the spacing."""
+        """Return height and width in the units of the spacing."""
         return shape[self.rows] * spacing[self.rows], shape[self.columns] * spacing[self.columns]
 
     def __str__(self) -> str:
@@ -156,21 +156,21 @@ class Section:
 
 
 def sections(at: Sequence[int]) -> list[Section]:
-    """The planes through a pixel that are parallel to the axes: one of an image, three of a volume."""
+    """Return the planes through a pixel: one for an image, three for a volume."""
     if len(at) == 2:
         return [Section(0, 1)]
     return [Section(1, 2, 0, at[0]), Section(0, 2, 1, at[1]), Section(0, 1, 2, at[2])]
 
 
 def as_spacing(spacing: Sequence[float] | None, ndim: int) -> tuple[float, ...]:
-    """The distances between pixels, checked; 1 where none are given."""
+    """Check the distances between pixels; the default is 1."""
     return checked_spacing(spacing, ndim) or (1.0,) * ndim
 
 
 def colours(plane: npt.NDArray[Any], black: float, white: float) -> FloatArray:
-    """Pixels (H, W, m) as colours (H, W, 3): three channels as they are, the mean of any other number as grey.
+    """Convert pixels (H, W, m) to colours (H, W, 3): three channels are red, green and blue, others a mean grey.
 
-    What is not finite gets a colour of its own.
+    Pixels without a finite value get the colour `UNKNOWN`.
     """
     from matplotlib.colors import to_rgb
 
@@ -192,14 +192,14 @@ def panels(
     *,
     bar: bool = True,
 ) -> tuple[Figure, Any, Axes | None]:
-    """A figure, its axes (sections, titles) with room for pictures at one scale, and the axes of a colour bar if any.
+    """Make a figure, its axes (sections, titles) for pictures at one scale, and the axes of a colour bar if any.
 
-    Placed by hand: the layouts that Matplotlib finds shrink panels whose sections differ in shape, or overlap titles.
+    Matplotlib's layouts would shrink panels with sections of different shapes, or overlap titles.
     """
     sizes = [cut.size(shape, steps) for cut in cuts]
     widest = max(width for _, width in sizes)
     unit = min(_PANEL / widest, _COLUMN / sum(height for height, _ in sizes))
-    # not so flat or so narrow that titles and ticks find no room
+    # large enough for titles and ticks
     heights = [max(unit * height, 0.8) for height, _ in sizes]
     width, gap = max(unit * widest, 2.6), 0.12
     left, right = 0.12 if len(cuts) == 1 else 0.4, 1.1 if bar else 0.0
@@ -233,14 +233,14 @@ def panels(
 
 
 def show(axes: Axes, picture: FloatArray, cut: Section, steps: Sequence[float]) -> None:
-    """Draw colours into a panel, without ticks, its pixels as high and wide as the spacing says."""
+    """Draw a picture (H, W, 3) in a panel, without ticks, with the aspect of the spacing."""
     axes.imshow(picture, aspect=steps[cut.rows] / steps[cut.columns])
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
 
 
 def unknown_in(pictures: Sequence[FloatArray]) -> list[str]:
-    """A line for the caption where pixels without a value are drawn, else none."""
+    """Return a line for the caption if pixels without a finite value are drawn."""
     from matplotlib.colors import to_rgb
 
     drawn = any((picture == to_rgb(UNKNOWN)).all(axis=-1).any() for picture in pictures)

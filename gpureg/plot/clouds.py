@@ -1,4 +1,4 @@
-"""Pictures of point clouds, side by side under one camera, without a screen."""
+"""Draw point clouds side by side with one camera, without a screen."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .canvas import Path_, check_path, finish
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Classes up to so many get colours of their own.
+# Number of different colours for classes.
 _CLASSES = 20
 
 
@@ -33,23 +33,23 @@ def points(
     caption: str = "",
     path: Path_ | None = None,
 ) -> Figure:
-    """Draw clouds of points side by side, in parallel projection, from one side and at one scale.
+    """Draw point clouds side by side, in parallel projection, from one direction and at one scale.
 
     Parameters
     ----------
     points : sequence or mapping of clouds
-        Each as :func:`gpureg.denoise_points` takes it, of the plane or of space; of a mapping the keys are titles.
+        Each as for :func:`gpureg.denoise_points`, (n, 2) or (n, 3); the keys of a mapping are titles.
     values : sequence of arrays, optional
-        For each cloud what to colour it by: integers are classes, other numbers are drawn with a bar, (n, 3) is red,
-        green and blue between 0 and 1. None colours by depth.
+        Values for the colours of each cloud: integers (n,) are classes, floats (n,) are drawn with a colour bar, (n, 3)
+        are red, green and blue from 0 to 1. The default is colours by depth.
     view, up
-        As in :func:`gpureg.plot.meshes`; points of the plane are seen as they are.
+        As in :func:`gpureg.plot.meshes`; without effect on points (n, 2).
     size : float, optional
-        Diameter of a point, in points of print (1/72 inch). None: by how many there are.
+        Diameter of a point, in 1/72 inch. The default depends on the number of points.
     caption : str, optional
-        A line below.
+        Text below the figure.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
 
     Returns
     -------
@@ -60,10 +60,9 @@ def points(
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        What is no cloud of points of the plane or of space, values of another length, an extension that is no
-        picture's.
+        A cloud is not (n, 2) or (n, 3), values have another length, or matplotlib does not write the format.
     """
     check_path(path)
     if size is not None:
@@ -75,7 +74,7 @@ def points(
         seen = [camera.seen(cloud) for cloud in clouds]
     colours, bar = _colours(values, seen)
     together = np.concatenate(seen)[:, :2]
-    # a few points far away would leave no room for the others
+    # without outliers, which would make the other points small
     low, high = np.percentile(together, 0.1, axis=0), np.percentile(together, 99.9, axis=0)
     extent = np.maximum(high - low, 1e-12 + 0.02 * (high - low).max())
     figure, panels = panels_of(extent, titles, caption, bar=bar is not None)
@@ -104,13 +103,13 @@ def _listed(points: Any) -> tuple[list[str], list[FloatArray]]:
     elif isinstance(points, list | tuple):
         titles, given = [""] * len(points), list(points)
     else:
-        raise TypeError(f"points must be a sequence of clouds, or a mapping of titles to such, got {type(points)}")
+        raise TypeError(f"points must be a sequence of clouds, or a mapping from titles to clouds, got {type(points)}")
     if not given:
         raise ValueError("there is no cloud of points to draw")
     clouds = [cloud_of(cloud).points for cloud in given]
     if len({cloud.shape[1] for cloud in clouds}) > 1 or clouds[0].shape[1] not in (2, 3):
         shapes = ", ".join(str(cloud.shape) for cloud in clouds)
-        raise ValueError(f"clouds must all be of the plane, (n, 2), or all of space, (n, 3), got {shapes}")
+        raise ValueError(f"all clouds must have shape (n, 2), or all (n, 3), got {shapes}")
     return titles, clouds
 
 

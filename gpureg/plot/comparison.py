@@ -1,4 +1,4 @@
-"""Noisy, denoised, and what was taken away, side by side; PSNR and SSIM."""
+"""Draw a noisy image, the denoised one and their difference; compute PSNR and SSIM."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 # Side of the window of the structural similarity.
 _WINDOW = 7
-# Share of the differences that the scale of their panel holds; the others are drawn as its ends.
+# Share of the differences within the scale of their panel; the others have the colours of its ends.
 _SHOWN = 0.995
 
 
 def _scale(
     data_range: float | tuple[float, float] | None, pictures: Sequence[npt.NDArray[Any]]
 ) -> tuple[float, float, bool]:
-    """Black, white, and whether an integer type alone says so; the first picture decides."""
+    """Return black, white, and whether they are only the limits of an integer type; the first picture decides."""
     if data_range is not None:
         ends = np.asarray(data_range)
         if ends.dtype.kind not in "iuf":
@@ -64,36 +64,36 @@ def quality(
     *,
     channel_axis: int | None = None,
 ) -> tuple[float, float]:
-    """Measure how near an image comes to a reference: PSNR in dB, and SSIM.
+    """Compute PSNR in dB and SSIM of an image.
 
     Parameters
     ----------
     image, reference : array
-        Of one shape, two axes or three, and one of channels if any.
+        Arrays of one shape: two or three axes, and an axis of channels if any.
     data_range : float or (float, float), optional
-        White, or black and white, in the image's units. None: the limits of the integer type if one of the two has
-        one, else the span of the reference's values.
+        White, or black and white, in the image's units. The default is the limits of the integer type if one of the
+        two has one, otherwise the range of the reference.
     channel_axis : int, optional
-        The axis of the channels; None for grey.
+        Axis of the channels; None for grey.
 
     Returns
     -------
     psnr, ssim : float
-        Peak signal-to-noise ratio in dB, infinite where the two agree, and structural similarity, at most 1 and NaN
-        for an image with fewer than three pixels along an axis. Pixels of which one is not finite do not count, nor do
-        windows of the similarity that hold one.
+        Peak signal-to-noise ratio in dB, infinite for equal images, and structural similarity, at most 1; it is NaN
+        for an image with fewer than three pixels along an axis. Pixels that are not finite in one of the two do not
+        count, nor do windows of the similarity with such a pixel.
 
     Raises
     ------
     ImportError
         scikit-image is not installed.
     TypeError, ValueError
-        Shapes that differ, values that are not real, an impossible data range.
+        The shapes differ, values are not real, or the data range is wrong.
 
     Notes
     -----
-    Both are scikit-image's, with its default settings; the window of the similarity shrinks from 7 pixels to what an
-    image holds.
+    Both are scikit-image's, with its default settings; the window of the similarity is 7 pixels wide, or smaller in a
+    smaller image.
 
     Examples
     --------
@@ -157,25 +157,25 @@ def compare(
     Parameters
     ----------
     noisy, denoised : array
-        Two axes or three, and one of channels if any. Of a volume the three planes through its middle are drawn. Three
-        channels are red, green and blue; of any other number the mean is drawn. NaN and infinity are allowed, and
-        drawn orange.
+        Two or three axes, and an axis of channels if any. Three planes through the middle of a volume are drawn. Three
+        channels are red, green and blue; otherwise the mean of the channels is drawn. NaN and infinity are drawn
+        orange.
     reference : array, optional
-        The picture without noise.
+        The image without noise, of the same shape.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
     data_range : float or (float, float), optional
-        White, or black and white, in the data's units; PSNR and SSIM count with it. None: the limits of the integer
-        type, or for floats the span of the reference, or without one of `noisy`. Integers of more than 8 bits are
-        drawn over the span of their values all the same.
+        White, or black and white, in the data's units, also for PSNR and SSIM. The default is the limits of the integer
+        type, or for floats the range of the reference, or of `noisy` without one. By default integers of more than 8
+        bits are drawn over the range of their values.
     spacing : sequence of float, optional
-        Distance between pixels along each axis; None means 1.
+        Distance between pixels along each axis. The default is 1.
     titles : (str, str), default ("noisy", "denoised")
-        What the two pictures are.
+        Titles of the two images.
     caption : str, optional
-        A line below.
+        Text below the figure.
     channel_axis : int, optional
-        The axis of the channels; None for grey.
+        Axis of the channels; None for grey.
 
     Returns
     -------
@@ -186,15 +186,15 @@ def compare(
     ImportError
         matplotlib, or scikit-image for the titles, is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        Shapes that differ, values that are not real, an impossible data range, titles that are not two, an extension
-        that is no picture's.
+        The shapes differ, values are not real, the data range is wrong, there are not two titles, or matplotlib does
+        not write the format.
 
     Notes
     -----
-    The difference of the two has zero in the middle grey and a scale that holds 99.5 percent of it; structure in
-    it is what the filter took away with the noise.
+    In the difference, zero is the middle grey, and 99.5 percent of the values are within the scale. Visible structure
+    there was removed with the noise.
 
     Examples
     --------
@@ -206,7 +206,7 @@ def compare(
     """
     check_path(path)
     if not isinstance(titles, list | tuple) or len(titles) != 2 or not all(isinstance(t, str) for t in titles):
-        raise ValueError(f"titles must be two, of the two pictures, got {titles!r}")
+        raise ValueError(f"titles must be two strings, got {titles!r}")
     before, after = as_picture(noisy, "noisy", channel_axis), as_picture(denoised, "denoised", channel_axis)
     clean = None if reference is None else as_picture(reference, "reference", channel_axis)
     for name, picture in (("denoised", after), ("reference", clean)):

@@ -1,4 +1,4 @@
-"""How the energy fell."""
+"""Draw the energy of a run."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 @door
 def energy(result: Result | Mapping[str, Result], *, minimum: float | None = None, path: Path_ | None = None) -> Figure:
-    """Draw the energy at each check of a run, and beside it, on a log scale, how far it is above its minimum.
+    """Draw the energy at each check of a run, and on a log scale its difference from the minimum.
 
     Parameters
     ----------
     result : Result, or mapping of str to Result
-        One run, or several by their labels: of one problem, by different solvers or from different starts. The energies
-        of different problems have no common minimum.
+        One run, or several runs of the same problem by their labels, such as different solvers or initial values.
+        Energies of different problems have no common minimum.
     minimum : float, optional
-        The energy of the minimiser where it is known. None: the least energy of all the runs, whose own last points a
-        log scale cannot show.
+        The energy of the minimiser, if it is known. The default is the smallest energy of all runs, which the log scale
+        does not show.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
 
     Returns
     -------
@@ -40,14 +40,14 @@ def energy(result: Result | Mapping[str, Result], *, minimum: float | None = Non
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        No result, one without energies (a run in tiles reports none), an extension that is no picture's.
+        There is no result, a result has no energies (as of a run in tiles), or matplotlib does not write the format.
 
     Notes
     -----
-    The energy is that of eq. 19 with the gradient norm smoothed by eps (eq. 15), as ``Result.energy`` holds it. The
-    second panel is left out where no point lies above the minimum.
+    The energy is ``Result.energy``, that of eq. 19 with the gradient norm smoothed by eps (eq. 15). The second panel is
+    left out if no point is above the minimum.
 
     Examples
     --------
@@ -68,8 +68,8 @@ def energy(result: Result | Mapping[str, Result], *, minimum: float | None = Non
             raise TypeError(f"{name} must be a gpureg.Result, got {type(run).__name__}")
         if not len(run.energy):
             raise ValueError(
-                f"{name} holds no energies: runs in tiles report none, nor do single steps whose weights are not "
-                "stored; gpureg.regularize on a job that fits into memory reports them"
+                f"{name} has no energies: runs in tiles report none, nor do single steps whose weights are not "
+                "stored; gpureg.regularize on a problem that fits into memory reports them"
             )
     lowest = min(float(run.energy.min()) for run in runs.values())
     least = lowest if minimum is None else number("minimum", minimum)

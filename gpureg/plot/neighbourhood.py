@@ -1,4 +1,4 @@
-"""The weights of one pixel's neighbours."""
+"""Draw the weights of the neighbours of a pixel."""
 
 from __future__ import annotations
 
@@ -63,39 +63,39 @@ def neighbours(
     Parameters
     ----------
     image : array
-        Two axes or three, and one of channels if any; of a volume the three planes through the pixel are drawn. NaN is
-        allowed where the mask leaves it out.
+        Two or three axes, and an axis of channels if any; three planes through the pixel of a volume are drawn. NaN is
+        allowed outside the mask.
     pixel : sequence of int
-        Its index along each axis.
+        Index of the pixel along each axis.
     weights : Weights or array, optional
-        As :func:`gpureg.regularize` takes them. None: the graph's own, or 1.
+        As for :func:`gpureg.regularize`. The default is the weights of the graph, or 1.
     radius, metric, spacing, mask
-        The window, as :class:`gpureg.GridGraph` takes them.
+        The window, as for :class:`gpureg.GridGraph`.
     graph : Graph or GridGraph, optional
-        A graph whose vertices are the image's pixels in row-major order, instead of the window: one with each
-        pixel's most similar neighbours, for one.
+        A graph instead of the window, such as one of the most similar pixels; its vertices are the image's pixels in
+        row-major order.
     channel_axis : int, optional
-        The axis of the channels; None for grey.
+        Axis of the channels; None for grey.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
     backend : str, default "numpy"
-        What computes the weights, in float32. Only a part of the image is looked at where the weights allow it.
+        Backend that computes the weights in float32, only around the pixel if the weights allow it.
 
     Returns
     -------
     matplotlib.figure.Figure
-        For each plane three panels: the image with the pixel and a frame around its neighbours; what is in the frame;
-        the weights drawn over it.
+        Three panels for each plane: the image with the pixel and a frame around its neighbours; the part in the frame;
+        the weights over this part.
 
     Raises
     ------
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        A pixel outside the image or the mask or without neighbours, both a window and a graph or neither, a graph with
-        another number of vertices, and what :func:`gpureg.regularize` refuses.
+        The pixel is outside the image or the mask, or has no neighbours; both or neither of window and graph are given;
+        the graph has another number of vertices; or as :func:`gpureg.regularize`.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def neighbours(
         number("radius", radius, finite=False)
         graph = GridGraph(shape, radius, metric, spacing=spacing, mask=mask)
     elif radius is not None or spacing is not None or mask is not None:
-        raise ValueError("radius, spacing and mask make a window; a graph has its neighbours already: give one of them")
+        raise ValueError("radius, spacing and mask are for a window, a graph already has neighbours: give only one")
     graph = as_graph(graph)
     if graph.n_vertices != np.prod(shape) or (isinstance(graph, GridGraph) and graph.shape != shape):
         raise ValueError(f"the graph must have a vertex per pixel of {shape}, got {graph!r}")
@@ -124,7 +124,7 @@ def neighbours(
         raise ValueError(f"pixel {at} has no neighbours in {graph!r}")
     grid = graph if isinstance(graph, GridGraph) else graph.grid
     steps = as_spacing(None if grid is None else grid.spacing, len(shape))
-    # A border's half pixel more on either side.
+    # Half a pixel more on each side.
     all_places = np.vstack([places, at])
     low, high = all_places.min(axis=0) - 0.5, all_places.max(axis=0) + 0.5
     black, white = span(picture)
@@ -142,13 +142,13 @@ def neighbours(
         for panel in row:
             show(panel, pixels, cut, steps)
             _outline(panel, (left, top), (right, bottom), _FRAME)
-        # around the pixel where it is large, a cross through it where it is small
+        # a cross in the whole image, an outline in the enlarged part
         row[0].plot(x, y, "+", color=_FRAME, markersize=9, clip_on=False)
         for panel in row[1:]:
             panel.set(xlim=(left, right), ylim=(bottom, top))
             _outline(panel, (x - 0.5, y - 0.5), (x + 0.5, y + 0.5), _FRAME)
         here = np.full(len(values), True) if cut.fixed is None else places[:, cut.fixed] == cut.at
-        # a single pixel of a wide frame would not be seen
+        # a single pixel would be invisible in a wide frame
         side = max(1.0, (right - left) / 60, (bottom - top) / 60)
         _squares(row[2], places[here][:, [cut.columns, cut.rows]], values[here], bar, side)
     figure.colorbar(bar, cax=beside, label="w(u, v)")
@@ -172,7 +172,7 @@ def _weights_of(
     weights: Weights | npt.ArrayLike | None,
     backend: str,
 ) -> tuple[IntArray, FloatArray]:
-    """Where the neighbours of a pixel are, (k, ndim), and their weights (k,)."""
+    """Return the indices (k, ndim) of the neighbours of a pixel, and their weights (k,)."""
     shape = picture.shape[:-1]
     kind = np.dtype(np.float32)
     problem = Problem.make(
@@ -195,7 +195,7 @@ def _weights_of(
     )
     part = part_problem(problem, Tile(box, box))
     if isinstance(problem.weights, Weights) and part.weights is None:
-        # they cannot be cut
+        # these weights cannot be computed for a part
         part, box = problem, tuple(slice(0, size) for size in shape)
     grid = part.graph
     assert isinstance(grid, GridGraph)
@@ -208,7 +208,7 @@ def _weights_of(
     exists = ((v >= 0) & (v < np.array(grid.shape))).all(axis=1)
     if grid.mask is not None:
         exists[exists] = grid.mask[tuple(v[exists].T)]
-    # A weight is stored where the pair's first cell in row-major order is.
+    # A weight is stored at the pair's first pixel in row-major order.
     count = grid.half_window
     forward = np.arange(2 * count) >= count
     planes = np.where(forward, np.arange(2 * count) - count, count - 1 - np.arange(2 * count))

@@ -1,4 +1,4 @@
-"""An image, its partition, and the image painted by regions, side by side (Fig. 4 of the paper)."""
+"""Draw an image, its partition, and the values of its regions side by side (Fig. 4 of the paper)."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ def simplification(
     caption: str = "",
     channel_axis: int | None = None,
 ) -> Figure:
-    """Draw an image | its partition | the fine partition painted | the regularized one painted.
+    """Draw an image | its partition | the values of the fine partition | the regularized values.
 
     Parameters
     ----------
     image, fine, value : array
-        Of one shape: two axes or three, and one of channels if any. Of a volume the three planes through its middle
-        are drawn.
+        Arrays of one shape: two or three axes, and an axis of channels if any. Three planes through the middle of a
+        volume are drawn.
     partition : uint8 array
-        Colours of the regions, (..., 3), as :meth:`gpureg.Regions.random_colours` gives them.
+        Colours of the regions, (..., 3), from :meth:`gpureg.Regions.random_colours`.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
     spacing : sequence of float, optional
-        Distance between pixels along each axis; None means 1.
+        Distance between pixels along each axis. The default is 1.
     caption : str, optional
-        A line below.
+        Text below the figure.
     channel_axis : int, optional
-        The axis of the channels; None for grey.
+        Axis of the channels; None for grey.
 
     Returns
     -------
@@ -54,9 +54,9 @@ def simplification(
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        Shapes that differ, values that are not real, an extension that is no picture's.
+        The shapes differ, values are not real, or matplotlib does not write the format.
     """
     check_path(path)
     given = {"image": image, "fine": fine, "value": value}
@@ -65,7 +65,7 @@ def simplification(
     for name, picture in zip(("fine", "value", "partition"), (*pictures[1:], painted), strict=True):
         if picture.shape[:-1] != pictures[0].shape[:-1]:
             where = pictures[0].shape[:-1]
-            raise ValueError(f"{name} must lie on the image's {where} pixels, got {picture.shape[:-1]}")
+            raise ValueError(f"{name} must have the image's shape {where}, got {picture.shape[:-1]}")
     black, white = span(pictures[0])
     if pictures[0].dtype == np.uint8:
         black, white = 0.0, 255.0

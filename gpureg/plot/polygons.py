@@ -1,4 +1,4 @@
-"""Pictures of polygonal curves and of skeletons (figures 5, 7 and 9), without a screen."""
+"""Draw polygonal curves and skeletons (figures 5, 7 and 9), without a screen."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Vertices are marked where a panel has at most so many.
+# Vertices are marked in panels with at most this number of them.
 _MARKED = 1500
 
 
@@ -38,17 +38,17 @@ def curves(
     Parameters
     ----------
     curves : sequence or mapping of curves
-        One panel each: an (n, 2) array, or a list of such; of a mapping the keys are titles.
+        One panel each: an (n, 2) array, or a list of such arrays; the keys of a mapping are titles.
     closed : bool or sequence of bool, default True
-        Whether the last vertex is joined to the first: of all curves, or of each in a panel.
+        Whether the last vertex is joined to the first: for all curves, or for each curve of a panel.
     vertices : bool, optional
-        Whether to mark the vertices. None: where a panel has 1500 at most.
+        Whether to mark the vertices. The default is to mark them in panels with at most 1500.
     upright : bool, default True
-        y points up; False: down, as the rows of pictures do.
+        Whether y points up; if False, it points down, as the rows of images.
     caption : str, optional
-        A line below.
+        Text below the figure.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
 
     Returns
     -------
@@ -59,9 +59,9 @@ def curves(
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        What are no curves of the plane, an extension that is no picture's.
+        A curve is not (n, 2), or matplotlib does not write the format.
     """
     check_path(path)
     upright = flag("upright", upright)
@@ -73,7 +73,7 @@ def curves(
     for axes, panel in zip(panels, panels_of_curves, strict=True):
         shut = [flag("closed", each) for each in ([closed] * len(panel) if np.ndim(closed) == 0 else closed)]  # type: ignore[union-attr]
         if len(shut) != len(panel):
-            raise ValueError(f"closed must be one truth value, or one for each of {len(panel)} curves")
+            raise ValueError(f"closed must be one bool, or one for each of {len(panel)} curves")
         marked = sum(map(len, panel)) <= _MARKED if vertices is None else vertices
         for x, is_closed in zip(panel, shut, strict=True):
             line = np.concatenate([x, x[:1]]) if is_closed else x
@@ -91,12 +91,12 @@ def skeleton(
     caption: str = "",
     path: Path_ | None = None,
 ) -> Figure:
-    """Draw polygons with their skeletons, a colour for each branch.
+    """Draw polygons with their skeletons, one colour for each branch.
 
     Parameters
     ----------
-    skeletons : Skeleton, sequence or mapping of such
-        Of a mapping one panel each, the keys as titles; a sequence shares one panel.
+    skeletons : Skeleton, or sequence or mapping of Skeleton
+        A mapping has one panel for each item, with the key as title; a sequence has one panel.
     upright, caption, path
         As in :func:`gpureg.plot.curves`.
 
@@ -119,7 +119,7 @@ def skeleton(
         or not all(isinstance(s, Skeleton) for each in shown.values() for s in each)
     ):
         raise TypeError(
-            "skeletons must be results of gpureg.curves.skeletons: one, a sequence, or a mapping of titles to such"
+            "skeletons must be results of gpureg.curves.skeletons: one, a sequence, or a mapping from titles to them"
         )
     together = np.concatenate([s.points for each in shown.values() for s in each])
     figure, panels = _panels(together, [str(title) for title in shown], caption, upright)
@@ -160,7 +160,7 @@ def _listed(curves: Any) -> tuple[list[str], list[Any]]:
     elif isinstance(curves, list | tuple):
         titles, given = [""] * len(curves), list(curves)
     else:
-        raise TypeError(f"curves must be a sequence of curves, or a mapping of titles to such, got {type(curves)}")
+        raise TypeError(f"curves must be a sequence of curves, or a mapping from titles to curves, got {type(curves)}")
     if not given:
         raise ValueError("there is no curve to draw")
     return titles, given
@@ -170,5 +170,5 @@ def _several(panel: Any) -> list[FloatArray]:
     many = isinstance(panel, list | tuple) and all(np.ndim(x) == 2 for x in panel)
     parts = [checked_points(x, "curves") for x in (panel if many else [panel])]
     if not parts or any(x.shape[1] != 2 for x in parts):
-        raise ValueError("curves must be of the plane, (n, 2)")
+        raise ValueError("curves must have shape (n, 2)")
     return parts

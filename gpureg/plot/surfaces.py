@@ -1,4 +1,4 @@
-"""Pictures of triangle meshes, side by side under one camera and one light, without a screen (figures 5 to 8)."""
+"""Draw triangle meshes side by side with one camera and one light, without a screen (figures 5 to 8)."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 Shading = Literal["flat", "smooth"]
 
 _CLAY = (0.80, 0.79, 0.76)
-# Towards two lights, in the camera's frame (right, up, to the viewer), as long as these are strong, and the light that
-# comes from everywhere.
+# Directions to two lights in the camera's frame (right, up, to the viewer), with their strengths as lengths, and the
+# strength of the ambient light.
 _LIGHTS, _AMBIENT = np.array([[-0.36, 0.44, 0.56], [0.26, -0.05, 0.15]]), 0.24
 
 
@@ -41,29 +41,29 @@ def meshes(
     caption: str = "",
     path: Path_ | None = None,
 ) -> Figure:
-    """Draw meshes side by side, in parallel projection, from one side and at one scale.
+    """Draw meshes side by side, in parallel projection, from one direction and at one scale.
 
     Parameters
     ----------
     meshes : sequence or mapping of meshes
-        Each as :func:`gpureg.denoise_mesh` takes it; of a mapping the keys are titles.
+        Each as for :func:`gpureg.denoise_mesh`; the keys of a mapping are titles.
     view : (azimuth, elevation) or "auto", default "auto"
-        Where the viewer is, in degrees: the elevation above the horizon, the azimuth around the axis that is up, 0 on
-        the axis that follows it (x after z, y after x, z after y). "auto" looks where the first mesh is widest, along
-        the direction of least variance, from somewhat above and aside.
+        Direction of the viewer, in degrees: the elevation above the horizon, and the azimuth around the axis `up`, 0 at
+        the next axis (x after z, y after x, z after y). "auto" looks along the direction of least variance of the
+        first mesh, slightly from above and from the side.
     up : {"x", "y", "z"}, optional
-        The axis that is up; None is y, as in most files of scans and models, or z where y points at the viewer.
+        The axis that points up. The default is y, as in most files, or z if y points at the viewer.
     values : sequence of arrays, optional
-        For each mesh what to colour it by: a number per vertex or face, drawn with a bar; or red, green and blue
-        between 0 and 1. None draws them in one colour.
+        Values for the colours of each mesh, for its n vertices or faces: (n,), drawn with a colour bar, or (n, 3), red,
+        green and blue from 0 to 1. The default is one colour.
     shading : {"flat", "smooth"}, default "flat"
-        "flat" lights each face by itself, which shows every one; "smooth" shades between the vertices.
+        "flat" shades each face separately, so that all faces are visible; "smooth" interpolates between the vertices.
     edges : bool, default False
         Whether to draw the edges.
     caption : str, optional
-        A line below.
+        Text below the figure.
     path : path, optional
-        A file to write besides, whose extension matplotlib knows: .png, .pdf, .svg.
+        File to write, in a format of matplotlib: .png, .pdf, .svg.
 
     Returns
     -------
@@ -74,14 +74,14 @@ def meshes(
     ImportError
         matplotlib is not installed.
     OSError
-        The file cannot be written; nothing is left behind then.
+        The file cannot be written; no partial file is left.
     TypeError, ValueError
-        What is no mesh, values of another length, an extension that is no picture's.
+        A mesh is wrong, values have another length, or matplotlib does not write the format.
 
     Notes
     -----
-    Faces are drawn from the farthest to the nearest by the depth of their middles. Those that look away are left out
-    of closed meshes, and lit like the others in open ones.
+    Faces are drawn from the farthest to the nearest by the depth of their centres. Faces that look away are left out of
+    closed meshes, and shaded like the others in open meshes.
     """
     check_path(path)
     choice("shading", shading, get_args(Shading))
@@ -120,18 +120,18 @@ def _listed(meshes: Mapping[str, Any] | Sequence[Any]) -> tuple[list[str], list[
     elif isinstance(meshes, Sequence):
         titles, given = [""] * len(meshes), list(meshes)
     else:
-        raise TypeError(f"meshes must be a sequence of meshes, or a mapping of titles to such, got {type(meshes)}")
+        raise TypeError(f"meshes must be a sequence of meshes, or a mapping from titles to meshes, got {type(meshes)}")
     if not given:
         raise ValueError("there is no mesh to draw")
     try:
         return titles, [surface_of(mesh) for mesh in given]
     except TypeError as error:
-        raise TypeError(f"{error}; one mesh is drawn as a sequence of one") from None
+        raise TypeError(f"{error}; give a single mesh in a list") from None
 
 
 @dataclass(frozen=True, eq=False)
 class _Painted:
-    """Colours of each mesh, (k, 3), by vertex or by face, and what a colour bar shows."""
+    """Colours of each mesh, (k, 3), by vertex or by face, and the scale of the colour bar."""
 
     colours: list[FloatArray]
     bar: Any = None
@@ -167,13 +167,13 @@ def _colours(values: Sequence[npt.ArrayLike] | None, surfaces: Sequence[Surface]
 
 
 def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, shading: Shading, edges: bool) -> None:
-    """Faces from far to near, as one collection."""
+    """Draw faces from far to near, as one collection."""
     from matplotlib.collections import PolyCollection, TriMesh
     from matplotlib.tri import Triangulation
 
     faces = surface.faces
     normals = face_normals(seen, faces)
-    # a closed surface hides its inside; of an open one both sides are seen, and lit
+    # a closed surface hides its inside; both sides of an open surface are visible, and lit
     outside = np.sign(volume((seen, faces))) if is_watertight((seen, faces)) else 0.0
     faces_us = outside * normals[:, 2] > 0 if outside else normals.any(axis=1)
     order = np.flatnonzero(faces_us)
@@ -184,7 +184,7 @@ def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, s
     by_vertex = len(colours) == len(seen) and len(colours) != len(faces)
     outlines: Any = seen[corners, :2]
     line: dict[str, Any] = {"edgecolors": (0.15, 0.15, 0.2, 0.6), "linewidths": 0.25, "rasterized": True}
-    # as lines and areas of a .pdf or .svg this many faces would be megabytes: they go in as a picture
+    # rasterized, or the faces would take megabytes in a .pdf or .svg
     if shading == "smooth":
         whole, which = Surface(seen, faces, surface.make).welded()
         light = _light(vertex_normals(whole.vertices, whole.faces), outside)[which]
@@ -198,20 +198,20 @@ def _draw(axes: Axes, surface: Surface, seen: FloatArray, colours: FloatArray, s
     base = colours[corners].mean(axis=1) if by_vertex else colours[order]
     shown = np.clip(base * _light(normals[order], outside)[:, None], 0, 1)
     if not edges:
-        # a line in the face's colour closes the seams that smooth outlines leave between neighbours
+        # lines in the face's colour close the gaps between antialiased neighbours
         line |= {"edgecolors": "face", "linewidths": 0.3}
     axes.add_collection(PolyCollection(outlines, facecolors=shown, **line))
 
 
 def _light(normals: FloatArray, outside: float) -> FloatArray:
-    """How bright surfaces with these unit normals are (Lambert), on the side `outside`, or that which is seen."""
+    """Return Lambert's brightness (n,) for unit normals (n, 3), on the side `outside`, or on the visible side if 0."""
     lit = normals * (outside or np.where(normals[:, 2:] < 0, -1, 1))
     bright: FloatArray = _AMBIENT + np.maximum(lit @ _LIGHTS.T, 0).sum(axis=1)
     return bright
 
 
 def _at_vertices(colours: FloatArray, faces: npt.NDArray[Any], n: int) -> FloatArray:
-    """The mean colour of the faces around each vertex."""
+    """Return the mean colour (n, 3) of the faces around each vertex."""
     count = np.maximum(np.bincount(faces.ravel(), minlength=n), 1)
     sums = [np.bincount(faces.ravel(), weights=np.repeat(c, 3), minlength=n) for c in colours.T]
     return np.stack(sums, axis=1) / count[:, None]

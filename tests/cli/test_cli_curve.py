@@ -111,7 +111,7 @@ def test_skeleton(noisy):
         nearest = np.linalg.norm(branch.points[:, None] - smooth.points, axis=2).min(axis=1)
         assert np.allclose(nearest, branch.more[:, 0])
     gr.write_curves("line.csv", [CurveInFile(NOISY[:50], False, NONE[:50])])
-    failed(run("line.csv", "x.csv", "--open", "--skeleton", "y.csv"), 2, "that of closed curves, and there is none")
+    failed(run("line.csv", "x.csv", "--open", "--skeleton", "y.csv"), 2, "needs a closed curve, and there is none")
     assert not {"x.csv", "y.csv"} & files()
 
 

@@ -136,7 +136,7 @@ def test_pictures(noisy):
         (["--values", "red", "--filter", "normals"], 2, "leave --filter out"),
         (["--view", "30,20"], 2, "give --picture too"),
         (["--view", "north"], 2, "neither auto nor two angles"),
-        (["--columns", "x,,z"], 2, "no list of names"),
+        (["--columns", "x,,z"], 2, "not a list of names"),
         (["--columns", "x,y,z"], 1, "columns are chosen in text"),
         (["--reference", "nope.ply"], 1, "nope.ply: no such file"),
         (["--picture", "a.doc"], 2, "extension must be one of"),

@@ -235,12 +235,12 @@ def test_an_stl_is_the_mesh_that_it_is(tmp_path):
     [
         (["--only", "10"], "10 is not in the range"),
         (["--only", "3", "--image", "none.png"], "none.png"),
-        (["--only", "3", "--image", "series.tif"], "the figures are of pictures"),
+        (["--only", "3", "--image", "series.tif"], "the figures need a picture"),
         (["--only", "3", "--image", "nan.tif"], "not all of its values are finite"),
         (["--only", "1", "--image", "tiny.png"], "32 x 32 pixels and more"),
-        (["--only", "3", "--image", "grey.png"], "all of its pixels are"),
+        (["--only", "3", "--image", "grey.png"], "all pixels have the value"),
         (["--only", "6", "--mesh", "broken.ply"], "broken.ply"),
-        (["--only", "5", "--curve", "open.svg"], "a closed curve of the plane"),
+        (["--only", "5", "--curve", "open.svg"], "a closed curve in the plane"),
         (["--only", "6", "--backend", "cuda"], "cuda"),
     ],
 )
@@ -268,7 +268,7 @@ def test_wrong_calls_leave_no_figure(tmp_path, arguments, words):
 def test_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "file").write_text("mine", "utf-8")
     done = CliRunner().invoke(main, ["figures", str(tmp_path / "file"), "--quick"])
-    assert done.exit_code == 1 and "no folder can be made there" in done.output
+    assert done.exit_code == 1 and "the folder cannot be created" in done.output
     assert (tmp_path / "file").read_text("utf-8") == "mine"
 
 

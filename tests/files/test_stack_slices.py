@@ -90,7 +90,7 @@ def test_spacing_that_is_none(tmp_path):
     tifffile.imwrite(series, values("TYX"), imagej=True, metadata={"axes": "TYX", "finterval": 2.0})
     out = tmp_path / "o.tif"
     for text in ("3,1", "1,1,1,1", "2"):
-        failed(denoise(volume, out, "--spacing", text), 2, "--spacing has", "volume.tif 3 axes", "Z, Y, X")
+        failed(denoise(volume, out, "--spacing", text), 2, "--spacing has", "the graph has 3 axes", "Z, Y, X")
     for text in ("3;1;1", "a", "", "1,0,1", "-1,1,1", "nan,1,1", "inf,1,1", "1,,1"):
         failed(denoise(volume, out, "--spacing", text), 2, "finite numbers > 0", "3,1,1", "file", repr(text))
     failed(denoise(plain, out, "--spacing", "file"), 1, "plain.tif names no size", "Z, Y, X", "--spacing 1,1,1")
@@ -111,7 +111,7 @@ def test_letters_that_are_no_axes(tmp_path, axes):
 def test_letters_that_do_not_fit(tmp_path):
     tifffile.imwrite(tmp_path / "in.tif", values("ZYX"), imagej=True, metadata={"axes": "ZYX"})
     result = denoise(tmp_path / "in.tif", tmp_path / "o.tif", "--axes", "TZYX")
-    failed(result, 2, "TZYX are 4", "in.tif have 3", "(4, 13, 17)")
+    failed(result, 2, "TZYX name 4", "in.tif have 3", "(4, 13, 17)")
     write_picture(tmp_path / "in.png", Picture(values("YX", "uint8")))
     failed(denoise(tmp_path / "in.png", tmp_path / "o.png", "--axes", "YXC"), 2, "YXC are not those of", "in.png", "YX")
     done(denoise(tmp_path / "in.png", tmp_path / "o.png", "--axes", "yx"))
@@ -132,7 +132,7 @@ def test_two_axes_of_channels(tmp_path):
 def test_a_stack_into_a_picture_file(tmp_path):
     tifffile.imwrite(tmp_path / "in.tif", values("ZYX", "uint8"), imagej=True, metadata={"axes": "ZYX"})
     for name, kind in (("o.png", "PNG"), ("o.jpg", "JPEG")):
-        failed(denoise(tmp_path / "in.tif", tmp_path / name), 1, name, f"{kind} holds one picture", "ZYX", "write TIFF")
+        failed(denoise(tmp_path / "in.tif", tmp_path / name), 1, name, f"{kind} stores one picture", "ZYX", "TIFF")
 
 
 def test_pages_of_different_kinds(tmp_path):

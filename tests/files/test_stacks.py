@@ -113,7 +113,7 @@ def test_a_picture_of_many_channels(tmp_path):
     assert got["channels"] == 7
     want = gpureg.denoise_image(array, sigma=40, channel_axis=2, backend="numpy")
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "out.tif"), want)
-    failed(denoise(tmp_path / "in.tif", tmp_path / "o.png"), 1, "o.png", "PNG holds grey or RGB", "7 channels", "TIFF")
+    failed(denoise(tmp_path / "in.tif", tmp_path / "o.png"), 1, "o.png", "PNG stores grey or RGB", "7 channels", "TIFF")
 
 
 @pytest.mark.parametrize("orientation", [3, 6])

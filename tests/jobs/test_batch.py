@@ -104,7 +104,7 @@ def refused(code: int, *arguments: object, words: tuple[str, ...]) -> None:
 def test_sentences_before_any_work(raw):
     (raw / "sub").mkdir()
     write_picture(raw / "sub" / "a.png", noisy_picture()[0])
-    refused(1, "raw/*.jpg", "out", words=("raw/*.jpg: no file fits",))
+    refused(1, "raw/*.jpg", "out", words=("raw/*.jpg: no file matches",))
     refused(2, "raw/a.png", "raw/sub/a.png", "out", words=("raw/a.png and raw/sub/a.png", "out/a.png", "two calls"))
     refused(2, "raw/*.png", "raw", words=("raw/a.png would overwrite", "another folder"))
     refused(2, "raw/b.png", "raw/sub/a.png", "raw", words=("raw/b.png would overwrite raw/b.png",))

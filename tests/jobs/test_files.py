@@ -105,7 +105,7 @@ def test_masks_that_do_not_fit(tmp_path, noisy):
     (tmp_path / "folder").mkdir()
     for name, words in {
         "small.png": ("the mask", "small.png has the shape (9, 9)", "noisy.png has (64, 64)"),
-        "black.png": ("noisy.png: no pixel takes part", "outside the mask"),
+        "black.png": ("noisy.png: no pixel is left", "outside the mask"),
         "nowhere.png": ("nowhere.png: no such file",),
         "folder": ("folder", "noisy.png: no such file"),
     }.items():

@@ -138,9 +138,9 @@ def test_edges_are_darker(tmp_path):
     [
         (([],), {}, ValueError, "no mesh to draw"),
         ((SPHERE,), {}, TypeError, "a sequence of meshes"),
-        (((SPHERE.vertices, SPHERE.faces),), {}, TypeError, "one mesh is drawn as a sequence of one"),
+        (((SPHERE.vertices, SPHERE.faces),), {}, TypeError, "give a single mesh in a list"),
         (([SPHERE],), {"shading": "gouraud"}, ValueError, "flat"),
-        (([SPHERE],), {"view": (0, 100)}, ValueError, "at most 90"),
+        (([SPHERE],), {"view": (0, 100)}, ValueError, "in -90..90"),
         (([SPHERE],), {"view": "front"}, ValueError, "azimuth"),
         (([SPHERE],), {"up": "w"}, ValueError, '"x", "y" or "z"'),
         (([SPHERE],), {"values": []}, ValueError, "each of the 1 meshes"),

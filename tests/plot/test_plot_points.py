@@ -59,8 +59,8 @@ def test_colours(tmp_path):
     [
         ([], {}, ValueError, "no cloud of points"),
         (FLAT, {}, TypeError, "sequence of clouds"),
-        ([FLAT, SPACE], {}, ValueError, "must all be of the plane"),
-        ([RNG.random((5, 4))], {}, ValueError, "must all be of the plane"),
+        ([FLAT, SPACE], {}, ValueError, "all clouds must have shape"),
+        ([RNG.random((5, 4))], {}, ValueError, "all clouds must have shape"),
         ([FLAT], {"values": []}, ValueError, "an array for each of the 1 clouds"),
         ([FLAT], {"values": [np.ones(3)]}, ValueError, "for each of 500 points"),
         ([FLAT], {"values": [np.full(500, np.nan)]}, ValueError, "must be finite"),

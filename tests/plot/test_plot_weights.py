@@ -191,7 +191,7 @@ IMAGE = np.zeros((6, 7))
         (lambda: gr.plot.neighbours(IMAGE, (-1, 0), radius=1), r"counted from 0"),
         (lambda: gr.plot.neighbours(IMAGE, (1, 2, 3), radius=1), r"pixel must lie in the image"),
         (lambda: gr.plot.neighbours(IMAGE, (1, 2)), r"give the radius of the window, or a graph"),
-        (lambda: gr.plot.neighbours(IMAGE, (1, 2), radius=1, graph=gr.GridGraph((6, 7))), r"give one of them"),
+        (lambda: gr.plot.neighbours(IMAGE, (1, 2), radius=1, graph=gr.GridGraph((6, 7))), r"give only one"),
         (lambda: gr.plot.neighbours(IMAGE, (1, 2), graph=gr.GridGraph((7, 6))), r"a vertex per pixel of \(6, 7\)"),
         (lambda: gr.plot.neighbours(IMAGE, (1, 2), graph=gr.Graph.from_edges([[0, 1]])), r"a vertex per pixel"),
         (
@@ -227,9 +227,9 @@ def test_wrong_types(call, words):
 
 def test_a_result_without_energies(results):
     bare = replace(results["plain"], energy=np.empty(0), checks=np.empty(0, np.int64))
-    with pytest.raises(ValueError, match=r"the result holds no energies: runs in tiles"):
+    with pytest.raises(ValueError, match=r"the result has no energies: runs in tiles"):
         gr.plot.energy(bare)
-    with pytest.raises(ValueError, match=r"the result 'bare' holds no energies"):
+    with pytest.raises(ValueError, match=r"the result 'bare' has no energies"):
         gr.plot.energy({**results, "bare": bare})
 
 

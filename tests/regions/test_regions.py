@@ -322,7 +322,7 @@ def test_colours_and_picture(tmp_path):
     assert (tmp_path / "out.png").stat().st_size > 0
     volume = gr.simplify_image(picture((5, 9, 11)), spacing=(2, 1, 1)).plot()
     assert len(volume.axes) == 12
-    with pytest.raises(ValueError, match="partition must lie on the image's"):
+    with pytest.raises(ValueError, match="partition must have the image's shape"):
         gr.plot.simplification(picture(), np.zeros((3, 3, 3)), picture(), picture())
 
 
