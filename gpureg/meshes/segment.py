@@ -156,7 +156,7 @@ def segment_mesh(
     w = _borders(v, corners, graph) if weights is None else np.asarray(weights)
     smoothing = (apart * _EPS / _MET or 1.0) if eps is None else eps
     path = coarser(
-        whole(f, graph, w, mass), steps, p=p, met_at=apart, norm=norm, eps=smoothing, solver=solver,
+        whole(f, graph, w, mass), steps, p=p, merge_tol=apart, norm=norm, eps=smoothing, solver=solver,
         max_iter=max_iter, tol=tol, **options,
     )  # fmt: skip
     found = list(path)

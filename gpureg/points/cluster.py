@@ -121,8 +121,8 @@ def cluster_points(
     w = near_weights(x, lengths, u, v) if weights is None else edge_weights(weights, graph, x)
     start = whole((x - x.mean(axis=0)) / unit, graph, w)
     [pieces] = coarser(
-        start, [lam], p=p, met_at=_MET, norm=norm, eps=_EPS if eps is None else eps, solver=solver, max_iter=max_iter,
-        tol=tol, **options,
+        start, [lam], p=p, merge_tol=_MET, norm=norm, eps=_EPS if eps is None else eps, solver=solver,
+        max_iter=max_iter, tol=tol, **options,
     )  # fmt: skip
     if n_clusters is not None and n_clusters > pieces.n_pieces:
         raise ValueError(
