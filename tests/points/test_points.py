@@ -157,7 +157,7 @@ def test_kinds_of_clouds():
     assert type(cloud) is trimesh.PointCloud
     assert_allclose(cloud.vertices, expected)
     assert np.array_equal(cloud.colors, colours)
-    with pytest.raises(TypeError, match="use gpureg.denoise_mesh"):
+    with pytest.raises(TypeError, match=r"use gpureg\.denoise_mesh"):
         gr.denoise_points(trimesh.creation.box())
     with pytest.raises(TypeError, match="points must be an array"):
         gr.denoise_points("cloud.ply")
