@@ -221,7 +221,7 @@ class Geo:
         except json.JSONDecodeError as error:
             raise ValueError(f"damaged, or no JSON: {error}") from None
         if not isinstance(document, dict) or "type" not in document:
-            raise ValueError("no GeoJSON: it is no object with a type")
+            raise ValueError("not GeoJSON: it is not an object with a type")
         return cls(document)
 
     @property
@@ -254,7 +254,7 @@ class Geo:
 def _lines(node: Any) -> Iterator[tuple[list[Any], bool]]:
     """Yield the lists of positions, and whether each is a ring."""
     if not isinstance(node, dict):
-        raise ValueError(f"no GeoJSON: {str(node)[:40]!r} stands where an object is expected")
+        raise ValueError(f"not GeoJSON: {str(node)[:40]!r} where an object is expected")
     kind, places = node.get("type"), node.get("coordinates")
     if kind == "FeatureCollection":
         for feature in node.get("features", []):
@@ -273,7 +273,7 @@ def _lines(node: Any) -> Iterator[tuple[list[Any], bool]]:
         depth = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}[kind]
         yield from ((line, kind.endswith("Polygon")) for line in _at_depth(places, depth))
     else:
-        raise ValueError(f"no GeoJSON: a type {kind!r}")
+        raise ValueError(f"not GeoJSON: a type {kind!r}")
 
 
 def _at_depth(places: list[Any], depth: int) -> Iterator[list[Any]]:
@@ -290,9 +290,9 @@ def _positions(line: list[Any], ring: bool) -> Rows:
     try:
         points = np.array(line, np.float64)
     except (TypeError, ValueError):
-        raise ValueError("coordinates are no lists of numbers, all of one length") from None
+        raise ValueError("coordinates are not lists of numbers of the same length") from None
     if points.ndim != 2 or points.shape[1] < 2:
-        raise ValueError("coordinates are no lists of two numbers or three")
+        raise ValueError("coordinates are not lists of two or three numbers")
     if ring and len(points) > 1 and (points[0, :2] == points[-1, :2]).all():
         points = points[:-1]
     return points, ring

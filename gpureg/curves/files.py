@@ -52,7 +52,7 @@ class Document(Protocol):
     """The contents of a file without its curves, for writing a file with new curves."""
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
-        """Encode the file with new curves instead of its own, in the same order."""
+        """Encode the file with new curves, in the same order."""
 
 
 @dataclass(frozen=True, eq=False)

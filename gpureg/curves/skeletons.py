@@ -152,7 +152,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     [x] = curves_of(points, True).points
     number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
-        raise ValueError(f"a skeleton is that of a polygon of the plane, (n, 2); got {x.shape}")
+        raise ValueError(f"a skeleton needs a polygon in the plane, (n, 2), got {x.shape}")
     sites, order = np.unique(x, axis=0, return_index=True)
     # in the order of the polygon, without copies
     first = np.sort(order)
@@ -161,7 +161,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     try:
         diagram = Voronoi(sites - sites.mean(axis=0))
     except QhullError:
-        raise ValueError("the polygon has no inside: its vertices lie on one line, or are fewer than three") from None
+        raise ValueError("the polygon has no inside: its vertices are on one line, or fewer than three") from None
     places = diagram.vertices + sites.mean(axis=0)
     ridges = np.array(diagram.ridge_vertices)
     between = np.array(diagram.ridge_points)

@@ -44,7 +44,7 @@ def denoised(
     if flag("taubin", taubin):
         _check_taubin(filter, values, p, lam, sigma)
     if values is not None and max_displacement is not None:
-        raise ValueError("max_displacement bounds how far vertices move; values stay where they are")
+        raise ValueError("max_displacement is for vertices that move; values stay where they are")
     check_numbers(options, p=p, sigma=sigma, max_iter=max_iter, max_displacement=max_displacement)
     if isinstance(weights, str) and (weights != "cotangent" or (values is None and filter == "normals")):
         allowed = 'an object of gpureg.weights, an array, or "cotangent" for positions and values'

@@ -136,7 +136,7 @@ def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, 
         raise MeshError(f"{path} is damaged, truncated or no {kind} file{only}") from error
     parts = list(scene.geometry.values())
     if len(parts) > 1:
-        raise MeshError(f"{path} holds {len(parts)} meshes, by material; join them, or write each to a file of its own")
+        raise MeshError(f"{path} contains {len(parts)} meshes, by material; join them, or save each to a separate file")
     if not parts or not isinstance(parts[0], trimesh.Trimesh) or not len(parts[0].faces):
         raise MeshError(f"{path} has no face; gpureg mesh needs triangles, points alone are for gpureg points")
     mesh = parts[0]

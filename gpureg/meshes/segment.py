@@ -55,7 +55,7 @@ class MeshSegmentation:
         for labels, count in zip(self.levels, self.n_segments, strict=True):
             if count <= n:
                 return labels
-        raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: go on to a smaller lam")
+        raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: add a smaller lam")
 
 
 @door(options=RUN)

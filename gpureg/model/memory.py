@@ -79,7 +79,7 @@ class Job:
     stored : bool
         Whether weights are stored; if not, the job is one sweep.
     keeps : tuple of int
-        Functions on the vertices, and on the directed edges, that the solver needs besides the data and two iterates.
+        Functions on the vertices, and on the directed edges, that the solver needs, without data and two iterates.
     """
 
     channels: int = 1

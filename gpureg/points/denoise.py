@@ -50,7 +50,7 @@ def denoised(
     if update_neighbours is not None:
         integer("update_neighbours", update_neighbours, low=1)
         if isinstance(weights, np.ndarray | list):
-            raise ValueError("weights as an array are those of one graph: leave update_neighbours, or give a function")
+            raise ValueError("weights as an array are for one graph: leave out update_neighbours, or give a function")
     pinned = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
     fidelity = None if lam is None else checked_fidelity(lam, n, "point")
     pinned |= np.isinf(0.0 if fidelity is None else fidelity)
@@ -187,7 +187,7 @@ def estimate_point_noise(points: Any) -> float:
     """
     found = cloud_of(points).points
     if found.shape[1] not in (2, 3):
-        raise ValueError(f"normals are those of points of the plane or of space, got {found.shape[1]} coordinates")
+        raise ValueError(f"normals need points in the plane or in space, got {found.shape[1]} coordinates")
     return noise_along_normals(found)
 
 
@@ -196,7 +196,7 @@ def _chosen(filter: Any, d: int, values: bool) -> PointFilter:
         return "normals" if d in (2, 3) else "positions"
     word = choice("filter", filter, POINT_FILTERS)
     if values:
-        raise ValueError("filter says how points move; values stay where they are: leave it out")
+        raise ValueError("filter is for points that move; values stay where they are: leave it out")
     if word == "normals" and d not in (2, 3):
-        raise ValueError(f'filter="normals" is for points of the plane or of space, got {d} coordinates: "positions"')
+        raise ValueError(f'filter="normals" is for 2 or 3 coordinates, got {d} coordinates: use "positions"')
     return word

@@ -252,7 +252,7 @@ def encode_points(
         if values.shape[:1] != (len(x),):
             raise PointsError(f"the column {name!r} must have {len(x)} rows, one per point, got {values.shape}")
         if kind != ".npz" and (values.ndim != 1 or values.dtype.kind not in "biuf"):
-            raise PointsError(f"a {kind} file holds one number per point and column, {name!r} has {values.shape}")
+            raise PointsError(f"a {kind} file has one number per point and column, {name!r} has shape {values.shape}")
     if like is not None:
         x = x.astype(like.dtype)
     if kind == ".npz":
@@ -262,9 +262,7 @@ def encode_points(
         np.savez_compressed(file, **arrays)
         return file.getvalue()
     if kind in (".ply", ".xyz") and x.shape[1] != 3:
-        raise PointsError(
-            f"a {kind} file holds points with three coordinates, these have {x.shape[1]}: take .csv or .npz"
-        )
+        raise PointsError(f"a {kind} file needs points with three coordinates, got {x.shape[1]}: use .csv or .npz")
     if kind == ".ply":
         return _ply(x, told, None if like is None else like.faces)
     return _text(kind, x, told, like)

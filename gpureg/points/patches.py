@@ -65,7 +65,7 @@ def point_patches(
     """
     x = cloud_of(points).points
     if x.shape[1] != 3:
-        raise ValueError(f"patches are those of points of space, (n, 3), got {x.shape}")
+        raise ValueError(f"patches need points in space, (n, 3), got {x.shape}")
     integer("k", k, low=3)
     side = 2 * integer("patch_radius", patch_radius, low=0) + 1
     f = None if values is None else checked_values(values, len(x)).astype(np.float64)
@@ -173,7 +173,7 @@ def patch_knn_graph(
         raise ValueError(f"among must be an integer >= k = {k}, got {among!r}")
     local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
     if features is not None and values is not None:
-        raise ValueError("features are what is compared: leave values out, or features")
+        raise ValueError("features are compared instead of values: leave one of them out")
     rows = point_patches(cloud.points, values) if features is None else checked_points(features, "features")
     if len(rows) != len(x):
         raise ValueError(f"features must have {len(x)} rows, one per point, got {len(rows)}")

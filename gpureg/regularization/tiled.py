@@ -2,7 +2,7 @@
 
 n sweeps carry data over n neighbourhoods of radius k, and over n more if the gradient norm is needed (p != 2); weights
 need k' more cells. The halo of a tile is therefore n k + k', or 2 n k + k', cells wide. Sweeps run in blocks of n;
-between blocks the whole iterate is on the host. Weights are computed for each tile and block.
+between blocks the complete iterate is on the host. Weights are computed for each tile and block.
 """
 
 from __future__ import annotations
@@ -39,14 +39,12 @@ def why_whole(
     if solver.accelerate:
         return "accelerated sweeps mix iterates of the whole (give accelerate=False)"
     if solver.stop != "change":
-        return f"stop={solver.stop!r} is a question about the whole (stop='change' is not)"
+        return f"stop={solver.stop!r} needs the whole graph (stop='change' does not)"
     if solver.damping is None and problem.p > 2:
-        return (
-            "whether a sweep raised the energy is a question about the whole (give solver=gpureg.Jacobi(damping=...))"
-        )
+        return "whether a sweep raised the energy depends on the whole graph (give solver=gpureg.Jacobi(damping=...))"
     if solver.damping is None and not np.min(problem.lam) > 0:
         return (
-            "where lam is 0, whether a sweep has to be damped is a question about the whole graph "
+            "where lam is 0, whether a sweep has to be damped depends on the whole graph "
             "(give solver=gpureg.Jacobi(damping=...))"
         )
     if not isinstance(problem.gamma, str):

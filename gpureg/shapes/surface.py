@@ -93,7 +93,7 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
         raise ValueError(f"the vertices of a mesh must have shape (n, 3), got {points.shape}")
     corners = checked_faces(triangles, len(points))
     if corners.shape[1] != 3:
-        raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut others into triangles first")
+        raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut the faces into triangles first")
     if not len(corners):
         raise ValueError("the mesh has no face; for points without faces use gpureg.denoise_points")
     return Surface(points, corners, make)
@@ -191,7 +191,7 @@ def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
-    """Find the vertices that lie on an edge of one face only, (n,) bool."""
+    """Find the vertices on an edge with only one face, (n,) bool."""
     edges = np.sort(face_edges(faces), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     border = np.zeros(n_vertices, bool)

@@ -234,7 +234,7 @@ def test_names_of_more():
         ("a.geojson", '{"type": "Topology"}', "a type 'Topology'"),
         ("a.geojson", '{"type": "LineString"}', "no list of coordinates"),
         ("a.geojson", '{"type": "Polygon", "coordinates": [1]}', "not nested"),
-        ("a.geojson", '{"type": "LineString", "coordinates": [[1, 2], [3]]}', "no lists of numbers"),
+        ("a.geojson", '{"type": "LineString", "coordinates": [[1, 2], [3]]}', "not lists of numbers"),
         ("a.geojson", '{"type": "LineString", "coordinates": [[1], [3]]}', "two numbers or three"),
         ("a.geojson", '{"type": "Point", "coordinates": [1, 2]}', "contains no polygonal curve"),
         ("a.dxf", "0", "the extension of curves must be one of"),

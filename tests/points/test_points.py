@@ -213,7 +213,7 @@ def test_degenerate_clouds(points, filter):
     ("points", "settings", "error", "words"),
     [
         (NOISY, {"filter": "vertices"}, ValueError, 'filter must be "normals" or "positions"'),
-        (RNG.normal(size=(9, 4)), {"filter": "normals"}, ValueError, "of the plane or of space, got 4"),
+        (RNG.normal(size=(9, 4)), {"filter": "normals"}, ValueError, "is for 2 or 3 coordinates, got 4"),
         (NOISY, {"k": 0}, ValueError, "k must be >= 1"),
         (NOISY, {"k": 2.5}, TypeError, "k must be an integer"),
         (NOISY, {"sigma": -1}, ValueError, "sigma must be finite and >= 0"),
