@@ -1,4 +1,4 @@
-"""Check polygonal curves as they are given, and give them back in the same form: :class:`Curves`."""
+"""Check polygonal curves and return them in the form of the input: :class:`Curves`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from ..shapes.ends import Ends, ends_of
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Polygonal curves, checked.
+    """Checked polygonal curves.
 
     Attributes
     ----------
     points : list of (n, d) float64 arrays
-        The vertices of each, without a first one repeated at the end.
+        The vertices of each curve, without a first vertex repeated at the end.
     ends : list of Ends
-        Which are closed, and how that is known.
+        Whether each curve is closed, and the reason.
     dtypes : list of dtype
-        The type of floating point in which each curve goes back.
+        The floating-point type in which each curve is returned.
     several : bool
-        Whether they came as a list.
+        Whether the input was a list.
     """
 
     points: list[FloatArray]
@@ -42,7 +42,7 @@ class Curves:
         return [ends.closed for ends in self.ends]
 
     def graph(self) -> Graph:
-        """Make one graph of all curves, the positions of each around its mean."""
+        """Make one graph of all curves, with the centred positions of each."""
         parts = [curve_graph(x - x.mean(axis=0), shut) for x, shut in zip(self.points, self.closed, strict=True)]
         if len(parts) == 1:
             return parts[0]
@@ -56,11 +56,11 @@ class Curves:
         )
 
     def split(self, f: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-        """Split a function on the vertices of all curves, (n,) or (n, m), curve by curve."""
+        """Split a function on the vertices of all curves, (n,) or (n, m), into one per curve."""
         return np.split(f, np.cumsum([len(x) for x in self.points[:-1]]))
 
     def as_came(self, values: list[FloatArray]) -> Any:
-        """Return the vertices of each curve in its type, the first repeated where it was; alone if one came alone."""
+        """Return (n, d) vertices per curve in the form of the input: its types, repeated vertices, list or not."""
         made = [
             (np.concatenate([x, x[:1]]) if ends.repeated else x).astype(dtype)
             for x, ends, dtype in zip(values, self.ends, self.dtypes, strict=True)
@@ -69,18 +69,18 @@ class Curves:
 
 
 def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: bool | None = None) -> Curves:
-    """Make curves of one, (n, d), or a list of them, and check them; :class:`Curves` come back as they are.
+    """Convert one or several polygonal curves, and check them; :class:`Curves` are returned unchanged.
 
     Parameters
     ----------
-    points : (n, d) array, list of such, or Curves
+    points : (n, d) array, list of (n, d) arrays, or Curves
     closed : bool, optional
-        As for :func:`gpureg.shapes.ends.ends_of`, for each curve.
+        As in :func:`gpureg.shapes.ends.ends_of`, for each curve.
 
     Raises
     ------
     TypeError, ValueError
-        Coordinates that are not real and finite, curves of too few vertices or of different dimensions.
+        Coordinates that are not real and finite; curves with too few vertices or of different dimensions.
     """
     if isinstance(points, Curves):
         return points
@@ -103,5 +103,5 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
         shapes.append(ends)
         dtypes.append(array.dtype if array.dtype.kind == "f" else np.dtype(np.float64))
     if len({x.shape[1] for x in parts}) > 1:
-        raise ValueError(f"all curves must have as many dimensions, got {sorted({x.shape[1] for x in parts})}")
+        raise ValueError(f"all curves must have the same dimension, got {sorted({x.shape[1] for x in parts})}")
     return Curves(parts, shapes, dtypes, several)

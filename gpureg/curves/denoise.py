@@ -24,16 +24,16 @@ from ..solvers import Certified, Solver
 from ..weights import Weights
 from .curves import Curves, curves_of
 
-# Of fewer vertices noise cannot be told from shape.
+# With fewer vertices noise cannot be distinguished from shape.
 _TELLING = 12
 
-# Fidelities among which the noise chooses: ten to a decade.
+# Candidates for the default fidelity: ten per decade.
 _FIDELITIES = np.logspace(-5, 4, 91)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CurveDenoising(Denoised[tuple[float, ...]]):
-    """What denoising curves did: see :class:`Denoised`; the vertices of all curves stand in turn.
+    """The result of denoising curves: see :class:`Denoised`; arrays have the vertices of one curve after another.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
     sigma : tuple of float
         Noise of each curve: given, or estimated.
     lam : tuple of float, or (n,) array
-        Fidelity of each curve, or of each vertex where it was given so.
+        Fidelity of each curve, or of each vertex if `lam` was an array.
     curves : Curves
-        Those that came in.
+        The input curves.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {"positions": "positions of the vertices"}
@@ -52,7 +52,7 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
 
     @property
     def points(self) -> list[FloatArray]:
-        """The curves, (n, d) each, without repeated vertices."""
+        """The denoised curves, (n, d) each, without repeated vertices."""
         return self.curves.split(self.value)
 
     def _parameters(self) -> str:
@@ -77,13 +77,7 @@ def denoised(
     tol: float | None = None,
     **options: Unpack[Run],
 ) -> CurveDenoising:
-    """Denoise curves, and say all that there is to say about it: the work of :func:`denoise_curve`.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`denoise_curve`.
-    """
+    """Denoise curves and return a full report; the parameters and errors are those of :func:`denoise_curve`."""
     begin = time.perf_counter()
     curves = curves_of(points, closed)
     check_numbers({"eps": eps, "tol": tol}, p=p, sigma=sigma, max_iter=max_iter)
@@ -115,14 +109,14 @@ def denoised(
             max_iter = 1000 if max_iter is None and not exact else max_iter
         f0 = graph.positions
         assert f0 is not None
-        # one number where it is one: the fastest kernels and direct solvers are for that
+        # one number if all are equal: the fastest kernels and direct solvers need that
         held: float | FloatArray = float(fidelity[0]) if (fidelity == fidelity[0]).all() else fidelity
         result = regularize(
             f0, graph, p=p, lam=held, weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol,
             **options,
         )  # fmt: skip
         results = (result,)
-        # what is pinned comes back as it was, to the bit
+        # pinned vertices are returned unchanged, bit for bit
         value = together + np.where(np.isinf(fidelity)[:, None], 0.0, result.value - f0)
     return CurveDenoising(
         value=value,
@@ -141,54 +135,58 @@ def denoised(
 @door(options=RUN)
 @part_of(denoised)
 def denoise_curve(found: CurveDenoising) -> Any:
-    """Denoise polygonal curves; called with nothing else it estimates the noise of each.
+    """Denoise polygonal curves; without parameters it estimates the noise of each curve.
 
     Parameters
     ----------
-    points : (n, d) array, or a list of such
-        The vertices in order, in any number of dimensions. A list, such as the outlines that
-        ``skimage.measure.find_contours`` gives, is regularized as one graph, each curve by its own noise.
+    points : (n, d) array, or a list of (n, d) arrays
+        The vertices in order, in any dimension. A list, such as the outlines of ``skimage.measure.find_contours``, is
+        regularized as one graph, with the noise of each curve.
     closed : bool, optional
-        Whether the last vertex is joined to the first. None: if the first vertex is repeated at the end (to 1e-6 of the
-        mean segment), or if the ends are at most twice the 95 % quantile of the segments' lengths apart, curve by
-        curve. A repeated vertex is taken off, and put back.
+        Whether the last vertex is joined to the first. None: decided for each curve. A curve is closed if the first
+        vertex is repeated at the end (to 1e-6 of the mean segment), or if the distance of the ends is at most twice the
+        95 % quantile of the segments' lengths. A repeated vertex is removed, and added again to the result.
     p : float, default 2
-        Degree of regularity > 0. 1 makes the curve rest at places, with straight leaps between; < 1 simplifies it.
-    lam : float or array, optional
-        Fidelity >= 0, a number or one per vertex (of all curves in turn); larger stays closer, infinity pins. 0 is
-        Laplacian smoothing, which shrinks (figure 5); with it give `max_iter`. None: from the noise, see Notes.
+        Degree of regularity > 0. With 1 vertices gather at points joined by straight lines; < 1 simplifies the curve.
+    lam : float or (n,) array, optional
+        Fidelity >= 0, a number or one per vertex (of one curve after another). Larger values stay closer to the data;
+        infinity pins. 0 is Laplacian smoothing, which shrinks the curve (figure 5), and needs `max_iter`. None:
+        computed from the noise, see Notes.
     sigma : float, optional
-        Deviation of the noise of each coordinate. None estimates it, curve by curve, from second differences; of
-        fewer than 12 vertices it is taken to be 0.
+        Standard deviation of the noise of each coordinate. None: estimated for each curve from second differences; 0
+        for curves of fewer than 12 vertices.
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge. None: 1.
     fixed : (n,) bool array, optional
-        Vertices, of all curves in turn, that keep their place.
+        Vertices, of one curve after another, whose position does not change.
     keep_ends : bool, default True
-        Whether the ends of open curves keep theirs.
+        Whether to fix the ends of open curves.
     solver : str or Solver, optional
-        None: ``gpureg.Certified(tol=1e-6)``, the minimiser, where there is one (p >= 1, lam > 0), "jacobi" elsewhere.
+        None: ``gpureg.Certified(tol=1e-6)``, the minimiser, for p >= 1 and lam > 0; otherwise "jacobi".
     norm, eps, max_iter, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. `max_iter` of the "jacobi" that is chosen here is 1000.
+        As in :func:`gpureg.regularize`. If "jacobi" is the default solver, the default of `max_iter` is 1000.
 
     Returns
     -------
-    array like `points`, or a list of such
+    array like `points`, or a list of arrays
 
     Raises
     ------
     TypeError, ValueError
-        What is no curve, arguments out of their ranges.
+        Not a curve; arguments out of range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for the positions. At p = 2 and w = 1 the curve's Fourier (open:
-    cosine) coefficients are multiplied by h = lam / (lam + 2 mu), with mu = 2 - 2 cos of their frequency; lam is the
-    one, of ten a decade, that makes Stein's unbiased estimate of the error least: sum (1 - h)^2 |F|^2 +
-    2 sigma^2 d sum h. For another p it is that lam times G^(p - 2), G the root mean square of the gradient norm there,
-    so that both smooth alike where the gradient is G.
+    Minimises the energy of :func:`gpureg.regularize` for the positions. At p = 2 and w = 1 this multiplies the curve's
+    Fourier coefficients (open curves: cosine coefficients) by h = lam / (lam + 2 mu), with mu = 2 - 2 cos of their
+    frequency. The default lam, one of ten per decade, minimises Stein's unbiased estimate of the error::
+
+        sum (1 - h)^2 |F|^2 + 2 sigma^2 d sum h
+
+    For another p it is that lam times G^(p - 2), with G the root mean square of the gradient norm of that result, so
+    that both smooth equally where the gradient is G.
 
     Examples
     --------
@@ -204,12 +202,12 @@ def denoise_curve(found: CurveDenoising) -> Any:
 
 
 def _noise(x: FloatArray, closed: bool) -> float:
-    # of a square all four second differences are large, and none is noise
+    # a square has four large second differences and no noise
     return noise_on_graph(x - x.mean(axis=0), curve_graph(x, closed)) if len(x) >= _TELLING else 0.0
 
 
 def _fidelity(x: FloatArray, closed: bool, sigma: float, p: float) -> float:
-    """Choose the fidelity that :func:`denoise_curve` takes where none is given."""
+    """Compute the default fidelity of :func:`denoise_curve` for one curve, (n, d)."""
     from scipy import fft
 
     if not sigma > 0:

@@ -1,4 +1,4 @@
-"""Take polygonal curves out of SVG and GeoJSON documents, and put others there instead."""
+"""Read polygonal curves from SVG and GeoJSON documents, and replace them."""
 
 from __future__ import annotations
 
@@ -30,16 +30,10 @@ class Svg:
 
     @classmethod
     def of(cls, text: str) -> Svg:
-        """Parse the document in a text.
-
-        Raises
-        ------
-        ValueError
-            What is no SVG.
-        """
+        """Parse a text; raise ValueError if it is not SVG."""
         root = _tree(text)
         if root.tag not in (f"{{{_SVG}}}svg", "svg"):
-            raise ValueError("its root is no <svg>")
+            raise ValueError("its root is not <svg>")
         return cls(text)
 
     def read(self) -> list[Rows]:
@@ -48,12 +42,12 @@ class Svg:
         Raises
         ------
         ValueError
-            Curved segments, coordinates in transformed systems, broken lists of numbers.
+            Curved segments; transforms; invalid lists of numbers.
         """
         return [rows for element in _shapes(_tree(self.text)) for rows in _rows_of(element)]
 
     def write(self, curves: Sequence[FloatArray]) -> bytes:
-        """Encode the document with other vertices for the curves that :meth:`read` finds."""
+        """Encode the document with new vertices, (n, 2) each, for the curves that :meth:`read` returns."""
         root = _tree(self.text)
         for prefix, uri in _namespaces(self.text):
             ElementTree.register_namespace(prefix, uri)
@@ -80,7 +74,7 @@ def _tree(text: str) -> ElementTree.Element:
 
 def _namespaces(text: str) -> list[tuple[str, str]]:
     events = ElementTree.iterparse(io.StringIO(text), events=["start-ns"])
-    # prefixes that ElementTree keeps for itself cannot be registered
+    # prefixes that ElementTree reserves cannot be registered
     return [(prefix, uri) for _, (prefix, uri) in events if not re.fullmatch(r"ns\d+", prefix or "")]
 
 
@@ -89,11 +83,11 @@ def _name(element: ElementTree.Element) -> str:
 
 
 def _shapes(root: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """Elements with straight lines, which stand in the document's own coordinates."""
+    """Yield the elements with straight lines, in the document's coordinate system."""
 
     def walk(element: ElementTree.Element, transformed: bool) -> Iterator[ElementTree.Element]:
         name = _name(element)
-        # what is only referred to is drawn elsewhere, if at all
+        # these are only drawn where they are referred to
         if name in ("defs", "symbol", "clipPath", "mask", "marker", "pattern"):
             return
         transformed = transformed or element.get("transform") is not None
@@ -113,7 +107,7 @@ def _rows_of(element: ElementTree.Element) -> list[Rows]:
         return _subpaths(element.get("d", ""))
     words = _NUMBER.findall(element.get("points", ""))
     if len(words) % 2 or _NUMBER.sub("", element.get("points", "")).strip(" ,\t\r\n"):
-        raise ValueError(f"the points of a <{name}> are no pairs of numbers")
+        raise ValueError(f"the points of a <{name}> are not pairs of numbers")
     points = np.array(words, np.float64).reshape(-1, 2)
     if name == "polygon" and len(points) > 1 and (points[0] == points[-1]).all():
         points = points[:-1]
@@ -121,7 +115,7 @@ def _rows_of(element: ElementTree.Element) -> list[Rows]:
 
 
 def _subpaths(d: str) -> list[Rows]:
-    """The straight lines of a path's d, absolute."""
+    """Return the subpaths of straight lines in a path's d, in absolute coordinates."""
     found: list[Rows] = []
     points: list[tuple[float, float]] = []
     command, x, y = "", 0.0, 0.0
@@ -135,7 +129,7 @@ def _subpaths(d: str) -> list[Rows]:
         points = []
 
     def step() -> None:
-        """Take what numbers the command needs."""
+        """Use the numbers that the command needs."""
         nonlocal x, y, command, numbers
         need = {"M": 2, "L": 2, "H": 1, "V": 1}[command.upper()]
         while len(numbers) >= need:
@@ -175,7 +169,7 @@ def _subpaths(d: str) -> list[Rows]:
                 x, y = points[0]
             close(True)
         elif command.upper() == "Z" and letter.upper() != "M":
-            # a line after Z begins where the part that was closed began
+            # a line after Z begins at the start of the closed subpath
             points.append((x, y))
         command = letter
     if numbers:
@@ -197,7 +191,7 @@ def _path(points: FloatArray, closed: bool) -> str:
 
 
 def new_svg(curves: Sequence[Rows]) -> bytes:
-    """Encode a document with curves alone, as thin lines in a view that holds them."""
+    """Encode an SVG document with only these curves, as thin lines in a view that contains them."""
     together = np.concatenate([points for points, _ in curves])
     low, high = together.min(axis=0), together.max(axis=0)
     size = np.maximum(high - low, 1e-12)
@@ -221,52 +215,46 @@ class Geo:
 
     @classmethod
     def of(cls, text: str) -> Geo:
-        """Parse the document in a text.
-
-        Raises
-        ------
-        ValueError
-            What is no GeoJSON.
-        """
+        """Parse a text; raise ValueError if it is not GeoJSON."""
         try:
             document = json.loads(text)
         except json.JSONDecodeError as error:
             raise ValueError(f"damaged, or no JSON: {error}") from None
         if not isinstance(document, dict) or "type" not in document:
-            raise ValueError("no GeoJSON: it is no object with a type")
+            raise ValueError("not GeoJSON: it is not an object with a type")
         return cls(document)
 
     @property
     def in_degrees(self) -> bool:
-        """Whether coordinates are longitude and latitude, as they are unless an older file says otherwise."""
+        """Whether coordinates are longitude and latitude, the default if the file names no reference system."""
         name = str((self.document.get("crs") or {}).get("properties", {}).get("name", ""))
         return not name or "CRS84" in name or name.endswith("4326")
 
     def read(self) -> list[Rows]:
-        """Read lines and rings, in the order of the document; of a vertex all its numbers.
+        """Read lines and rings, in the order of the document, with all numbers of a vertex.
 
         Raises
         ------
         ValueError
-            Coordinates that are none.
+            Invalid coordinates.
         """
         return [_positions(line, ring) for line, ring in _lines(self.document)]
 
     def write(self, curves: Sequence[FloatArray]) -> bytes:
-        """Encode the document with other vertices for the curves that :meth:`read` finds."""
+        """Encode the document with new vertices, (n, q) each, for the curves that :meth:`read` returns."""
         changed = json.loads(json.dumps(self.document))
         for (line, ring), points in zip(list(_lines(changed)), curves, strict=True):
-            # in place: the list stays where it is in the document
+            # in place, so that the document contains the new numbers
             line[:] = _numbers(points, ring)
-        # a box of the old places would be wrong
+        # bounding boxes of the old positions would be wrong
         _drop_boxes(changed)
         return (json.dumps(changed, ensure_ascii=False) + "\n").encode()
 
 
 def _lines(node: Any) -> Iterator[tuple[list[Any], bool]]:
-    """Lists of positions, and whether each is a ring."""
+    """Yield the lists of positions, and whether each is a ring."""
     if not isinstance(node, dict):
-        raise ValueError(f"no GeoJSON: {str(node)[:40]!r} stands where an object is expected")
+        raise ValueError(f"not GeoJSON: {str(node)[:40]!r} where an object is expected")
     kind, places = node.get("type"), node.get("coordinates")
     if kind == "FeatureCollection":
         for feature in node.get("features", []):
@@ -285,7 +273,7 @@ def _lines(node: Any) -> Iterator[tuple[list[Any], bool]]:
         depth = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}[kind]
         yield from ((line, kind.endswith("Polygon")) for line in _at_depth(places, depth))
     else:
-        raise ValueError(f"no GeoJSON: a type {kind!r}")
+        raise ValueError(f"not GeoJSON: a type {kind!r}")
 
 
 def _at_depth(places: list[Any], depth: int) -> Iterator[list[Any]]:
@@ -302,9 +290,9 @@ def _positions(line: list[Any], ring: bool) -> Rows:
     try:
         points = np.array(line, np.float64)
     except (TypeError, ValueError):
-        raise ValueError("coordinates are no lists of numbers, all of one length") from None
+        raise ValueError("coordinates are not lists of numbers of the same length") from None
     if points.ndim != 2 or points.shape[1] < 2:
-        raise ValueError("coordinates are no lists of two numbers or three")
+        raise ValueError("coordinates are not lists of two or three numbers")
     if ring and len(points) > 1 and (points[0, :2] == points[-1, :2]).all():
         points = points[:-1]
     return points, ring
@@ -328,7 +316,7 @@ def _drop_boxes(node: Any) -> None:
 
 
 def new_geo(curves: Sequence[Rows]) -> bytes:
-    """Encode a collection with a feature for each curve, its number among the properties."""
+    """Encode a GeoJSON collection with one feature per curve, whose number is a property."""
     features = []
     for k, (points, closed) in enumerate(curves):
         written = _numbers(points[:, :3], closed)

@@ -1,4 +1,4 @@
-"""Read and write polygonal curves: CSV, SVG and GeoJSON, the last two with all else that they hold."""
+"""Read and write polygonal curves: CSV, SVG and GeoJSON, including other contents of the last two."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
 
 
 class CurveError(PictureError):
-    """Curves that cannot be read or written; the message says which and why."""
+    """Curves cannot be read or written; the message gives the file and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurveInFile:
-    """A curve as a file has it.
+    """A curve in a file.
 
     Attributes
     ----------
     points : (n, 2) float64 array
-        Without the first repeated at the end.
+        The vertices, without a first vertex repeated at the end.
     closed : bool
         Whether the last vertex is joined to the first.
     more : (n, q) float64 array
-        What else the file says of each vertex: altitudes of GeoJSON, columns of CSV.
+        Other numbers of each vertex: altitudes of GeoJSON, columns of CSV.
     ends : Ends or None
-        How it is known whether the curve is closed; None where it was not read from a file.
+        Why the curve is open or closed; None if it was not read from a file.
     """
 
     points: FloatArray
@@ -49,15 +49,15 @@ class CurveInFile:
 
 
 class Document(Protocol):
-    """What a file holds apart from its curves, into which curves can be put again."""
+    """The contents of a file without its curves, for writing a file with new curves."""
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
-        """Encode the file with other curves instead of those that it had, in their order."""
+        """Encode the file with new curves, in the same order."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurvesFile:
-    """What :func:`read_curves` found in a file.
+    """The contents of a file of curves, from :func:`read_curves`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class CurvesFile:
     kind : str
         The extension.
     document : Document
-        All else.
+        The other contents.
     """
 
     curves: list[CurveInFile]
@@ -77,13 +77,7 @@ class CurvesFile:
 
 
 def curve_format(path: str | os.PathLike[str]) -> str:
-    """Return the extension of a file of curves.
-
-    Raises
-    ------
-    CurveError
-        An unknown one.
-    """
+    """Return the extension of a file of curves; raise CurveError if it is unknown."""
     name = Path(path).name.lower()
     found = [kind for kind in CURVE_FORMATS if name.endswith(kind) and len(name) > len(kind)]
     if not found:
@@ -93,24 +87,24 @@ def curve_format(path: str | os.PathLike[str]) -> str:
 
 @door
 def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> CurvesFile:
-    """Read polygonal curves of the plane.
+    """Read polygonal curves in the plane.
 
     Parameters
     ----------
     path : path
-        CSV: a row per vertex, columns x and y or the first two; several curves are apart by a blank line, or by a
-        column ``curve``. SVG: polygons, polylines, and paths of straight segments. GeoJSON: lines and polygons in any
-        geometry, feature or collection.
+        CSV: one row per vertex, in columns x and y or the first two columns; several curves are separated by a blank
+        line or numbered by a column ``curve``. SVG: polygons, polylines, and paths of straight segments. GeoJSON: lines
+        and polygons in any geometry, feature or collection.
     closed : bool, optional
-        Whether the curves of a CSV file are closed. None: those of which the first vertex is repeated at the end (to
-        1e-6 of the mean segment) are, and no others; if none is, those whose ends are at most twice the 95 % quantile
-        of the segments' lengths apart. SVG and GeoJSON say it themselves.
+        Whether the curves of a CSV file are closed. None: if some curves repeat the first vertex at the end (to 1e-6 of
+        the mean segment), only these are closed; otherwise those whose ends are at most twice the 95 % quantile of the
+        segments' lengths apart. SVG and GeoJSON files contain this information.
 
     Raises
     ------
     CurveError
-        A file that is missing, may not be read, is damaged or none of these kinds; that has no curve, or one with
-        too few vertices or such as are not finite.
+        The file is missing, cannot be read, is damaged or has another format; it has no curve, or a curve with too few
+        vertices or vertices that are not finite.
     """
     kind = curve_format(path)
     if closed is not None:
@@ -131,7 +125,7 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
             raise
         raise CurveError(f"{path}: {error}") from None
     if not found.curves:
-        raise CurveError(f"{path} holds no polygonal curve")
+        raise CurveError(f"{path} contains no polygonal curve")
     for k, curve in enumerate(found.curves):
         least = 3 if curve.closed else 2
         if len(curve.points) < least:
@@ -143,7 +137,7 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """An SVG or GeoJSON document, for curves with a closing vertex or without as it wants them."""
+    """An SVG or GeoJSON document, which adds or omits the closing vertex of a curve as its format needs."""
 
     document: Svg | Geo
 
@@ -160,7 +154,7 @@ def _curves(found: Sequence[tuple[FloatArray, bool]]) -> list[CurveInFile]:
 
 @dataclass(frozen=True, eq=False)
 class _Csv:
-    """How a CSV file is written: its header, what is between numbers, and how its curves are told apart."""
+    """The form of a CSV file: its header, its delimiter, and how its curves are separated."""
 
     names: tuple[str, ...] | None
     delimiter: str
@@ -184,7 +178,7 @@ class _Csv:
         return encode_table(columns, self.names, self.delimiter, [] if self.by_column is not None else gaps[1:])
 
     def _repeats(self, curves: Sequence[CurveInFile]) -> list[bool]:
-        """Say which curves repeat their first vertex: those that did, or all closed ones if a reader were misled."""
+        """Choose the curves that repeat their first vertex: as in the input, or all closed ones if that is wrong."""
         told = [k < len(self.repeated) and self.repeated[k] and curve.closed for k, curve in enumerate(curves)]
         closed = [curve.closed for curve in curves]
         read = told if any(told) else [ends_of(curve.points).closed for curve in curves]
@@ -206,7 +200,7 @@ def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
     parts = [rows[label == number] for number in numbers]
     ends = [ends_of(part[:, [x, y]], closed) for part in parts]
     if closed is None and any(one.repeated for one in ends):
-        # a file that repeats the first vertex of some says so that the others are open
+        # if a file repeats the first vertex of some curves, the others are open
         ends = [one if one.repeated else replace(one, closed=False, why="source") for one in ends]
     curves = []
     for part, one in zip(parts, ends, strict=True):
@@ -223,21 +217,21 @@ def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
 def write_curves(
     path: str | os.PathLike[str], curves: Sequence[CurveInFile], *, like: CurvesFile | None = None
 ) -> None:
-    """Write curves in the format that the extension names, whole or not at all.
+    """Write curves in the format of the extension, completely or not at all.
 
     Parameters
     ----------
     path : path
-        One that ends in .csv, .csv.gz, .svg, .geojson or .json. A file that is there is replaced when the new one is
+        A name that ends in .csv, .csv.gz, .svg, .geojson or .json. An existing file is replaced when the new one is
         complete.
     curves : sequence of CurveInFile
     like : CurvesFile, optional
-        Where as many curves came from: in the same format, all else that it held is written too.
+        The source of the curves: if it has the same format and number of curves, its other contents are written too.
 
     Raises
     ------
     CurveError, PictureError
-        An unknown extension, a folder that does not exist, a disk that refuses.
+        An unknown extension; a folder that does not exist; an error of the disk.
 
     Examples
     --------
@@ -263,13 +257,7 @@ def encode_curves(
     like: CurvesFile | None = None,
     names: Sequence[str] = (),
 ) -> bytes:
-    """Encode curves as :func:`write_curves` writes them; `names` are those of the columns that a new CSV has more.
-
-    Raises
-    ------
-    CurveError
-        As there, but for the disk.
-    """
+    """Encode curves as :func:`write_curves` writes them; `names` are the other columns of a new CSV file."""
     kind = curve_format(path)
     same = like is not None and _family(like.kind) == _family(kind) and len(like.curves) == len(curves)
     rows = [(np.concatenate([curve.points, curve.more], axis=1), curve.closed) for curve in curves]
@@ -278,7 +266,7 @@ def encode_curves(
     elif kind == ".svg":
         encoded = new_svg([(points[:, :2], closed) for points, closed in rows])
     elif kind.startswith(".csv"):
-        # of several kinds of curves, those that are closed repeat their first vertex, so that the file says it
+        # if some curves are open, the closed ones repeat their first vertex, so that a reader finds them closed
         mixed = not all(curve.closed for curve in curves)
         told = [CurveInFile(curve.points, curve.closed, curve.more[:, : len(names)]) for curve in curves]
         encoded = _Csv(("x", "y", *names), ",", None, [curve.closed and mixed for curve in curves]).encode(told)

@@ -25,37 +25,37 @@ from .curves import Curves, curves_of
 CurveFilter = Literal["directions", "positions"]
 CURVE_FILTERS: tuple[CurveFilter, ...] = get_args(CurveFilter)
 
-# The type to compute in, unless asked otherwise: steps are many and small.
+# The default type to compute in: there are many small steps.
 STEPS = np.float64
 
-# Fidelities where none is given, in the scale of each: of Great Britain's coast they keep 28 and 31 percent.
+# Default fidelities: they keep 28 and 31 percent of the vertices of Great Britain's coast.
 _LAM: dict[CurveFilter, float] = {"directions": 3.0, "positions": 0.1}
 
 # One run of the model on a function and a graph.
 Process = Callable[..., Result]
 
-# Differences below these are none: 3 degrees between directions, a twentieth of the mean segment between positions.
+# Smaller differences count as 0: 3 degrees between directions, a twentieth of the mean segment between positions.
 _JUMP = 0.05
 
-# A number of vertices is looked for from the fidelity above to so many times that, halving the range so often, in the
-# first round that leaves too few, or hardly fewer than it had.
+# With `n_vertices`: the fidelity is searched between the default and this multiple of it, with this number of
+# bisections, after the first round that leaves too few vertices, or more than the last share of those it had.
 _MOST, _HALVINGS, _STUCK = 1e4, 10, 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class Simplified:
-    """A curve of fewer vertices.
+    """A simplified curve.
 
     Attributes
     ----------
     points : (k, d) float array
         The vertices kept.
     kept : (k,) int array
-        Which these are of those that came.
+        Their indices in the input.
     lam : float
         The fidelity used, in the scale of :func:`simplify_curve`.
     result : Result
-        The run; of all curves together, where no number of vertices was asked for.
+        The run; without `n_vertices` one run for all curves.
     """
 
     points: FloatArray
@@ -66,17 +66,17 @@ class Simplified:
 
 @dataclass(frozen=True, eq=False)
 class CurveSimplification:
-    """What simplifying curves did.
+    """The result of simplifying curves.
 
     Attributes
     ----------
     curves : Curves
-        Those that came in.
+        The input curves.
     filter : {"directions", "positions"}
         What was regularized.
     p : float
     parts : list of Simplified
-        What became of each curve.
+        The simplified curves.
     """
 
     curves: Curves
@@ -101,19 +101,13 @@ def simplified(
     tol: float | None = 1e-6,
     **options: Unpack[Run],
 ) -> CurveSimplification:
-    """Simplify curves, and say all that there is to say about it: the work of :func:`simplify_curve`.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`simplify_curve`.
-    """
+    """Simplify curves and return a full report; the parameters and errors are those of :func:`simplify_curve`."""
     curves = curves_of(points, closed)
     choice("filter", filter, CURVE_FILTERS)
     if lam is not None and n_vertices is not None:
         raise ValueError("give lam or n_vertices, not both: the number of vertices follows from lam")
     if lam is not None and not number("lam", lam, finite=False) > 0:
-        raise ValueError(f"lam must be > 0, or nothing holds the vertices apart; got {lam}")
+        raise ValueError(f"lam must be > 0: with 0 all vertices meet; got {lam}")
     least = 3 if any(curves.closed) else 2
     if n_vertices is not None and integer("n_vertices", n_vertices) < least:
         what = "a closed" if any(curves.closed) else "an open"
@@ -133,49 +127,49 @@ def simplified(
 @door(options=RUN | {"dtype": STEPS})
 @part_of(simplified)
 def simplify_curve(found: CurveSimplification) -> Any:
-    """Keep the vertices of polygonal curves that tell their shape.
+    """Simplify polygonal curves: keep the vertices that describe their shape.
 
     Parameters
     ----------
-    points : (n, d) array, or a list of such
-        The vertices in order; all curves of a list go as one graph.
+    points : (n, d) array, or a list of (n, d) arrays
+        The vertices in order; a list is regularized as one graph.
     closed : bool, optional
-        Whether the last vertex is joined to the first. None: as :func:`denoise_curve` says. A first vertex repeated at
-        the end is taken off, and put back. An open curve keeps its ends.
+        Whether the last vertex is joined to the first. None: as in :func:`denoise_curve`. A first vertex repeated at
+        the end is removed, and added again to the result. An open curve keeps its ends.
     filter : {"directions", "positions"}, default "directions"
-        What is regularized until it is piecewise constant. "directions": the unit vectors along the segments; a vertex
-        is kept where they still jump, so that corners stay and straight runs go. "positions": those of the vertices
-        (figure 7); vertices that have met count as one, kept where the curve turns most, so that it is thinned evenly.
+        What is made piecewise constant. "directions": the unit vectors along the segments; a vertex is kept where they
+        jump, which keeps corners and removes vertices of straight parts. "positions": the vertices (figure 7); one
+        vertex of each group that comes together is kept, where the curve turns most, which thins the curve evenly.
     p : float, default 0.5
         Degree of regularity, best below 1.
     lam : float, optional
-        Fidelity > 0: larger keeps more vertices. It has no unit: it is taken times the length of a segment over the
-        mean one for directions, times the mean segment to the power p - 2 for positions. None: 3 and 0.1.
+        Fidelity > 0: larger values keep more vertices. It has no unit: it is multiplied by the length of a segment over
+        the mean one for directions, by the mean segment to the power p - 2 for positions. None: 3 and 0.1.
     n_vertices : int, optional
-        How many vertices to keep of each curve, instead of `lam`: the fidelity is looked for with which so many
-        are left, and the largest jumps count.
+        Number of vertices to keep of each curve, instead of `lam`: the fidelity is searched that keeps this number, and
+        the vertices with the largest jumps are kept.
     weights, norm, solver, max_iter, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`, on the graph of the segments, or of the vertices. Steps are many and small:
-        float64 by default.
+        As in :func:`gpureg.regularize`, on the graph of the segments or of the vertices. The default `dtype` is
+        float64, because there are many small steps.
     eps : float, default 1e-3
-        Smoothing of the gradient norm, for unit vectors, or in mean segments.
+        Smoothing of the gradient norm: of unit vectors, or in mean segments.
 
     Returns
     -------
-    (k, d) array like `points`, or a list of such
+    (k, d) array like `points`, or a list of (k, d) arrays
 
     Raises
     ------
     TypeError, ValueError
-        What is no curve, arguments out of their ranges.
+        Not a curve; arguments out of range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for p < 1, which has many minima: the one found is near the curve
-    itself, from where the process starts. Consecutive values count as the same where they differ by less than 0.05 (3
-    degrees, or a twentieth of the mean segment).
+    Minimises the energy of :func:`gpureg.regularize` for p < 1, which has many minima: the process starts at the curve
+    and finds one near it. Consecutive values that differ by at most 0.05 (3 degrees, or a twentieth of the mean
+    segment) count as equal.
 
     Examples
     --------
@@ -196,7 +190,7 @@ def simplify_curve(found: CurveSimplification) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """A curve without consecutive vertices on the same point, and which of the given ones are left."""
+    """A curve without consecutive equal vertices: (k, d), their (k,) indices in the input, and the input, (n, d)."""
 
     points: FloatArray
     number: IntArray
@@ -212,12 +206,12 @@ class _Prepared:
         return cls(x[number], number, closed, x)
 
     def only(self, kept: IntArray) -> _Prepared:
-        """Make the curve of some of the given vertices."""
+        """Make the curve of the input vertices `kept`, (k,)."""
         return _Prepared(self.given[kept], kept, self.closed, self.given)
 
     @property
     def too_small(self) -> bool:
-        """Whether there is nothing to leave out."""
+        """Whether no vertex can be removed."""
         return len(self.points) <= (3 if self.closed else 2)
 
     def segments(self) -> tuple[FloatArray, FloatArray]:
@@ -228,7 +222,7 @@ class _Prepared:
         return steps / lengths[:, None], lengths
 
     def values(self, filter: CurveFilter, lam: float) -> tuple[FloatArray, FloatArray]:
-        """Compute what is regularized, in units in which 1 is large, and the fidelity of each value."""
+        """Compute the function to regularize, scaled so that 1 is large, (k, d), and its fidelity, (k,)."""
         directions, lengths = self.segments()
         mean = float(lengths.mean())
         if filter == "directions":
@@ -237,11 +231,11 @@ class _Prepared:
         return f, np.full(len(f), lam)
 
     def kept(self, f: FloatArray, filter: CurveFilter, count: int | None) -> IntArray:
-        """Choose the vertices to keep, `count` of them if asked for, by values f of the segments or the vertices."""
+        """Choose the vertices to keep (`count` or by default all with a jump) from regularized values f, (k, d)."""
         n = len(self.points)
         jumps = np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1)
         if not self.closed:
-            # between the last and the first there is none; the ends stay
+            # an open curve has no jump from last to first, and keeps its ends
             jumps[0] = math.inf
             if filter == "directions":
                 jumps = np.append(jumps, math.inf)
@@ -251,7 +245,7 @@ class _Prepared:
         cuts = np.sort(np.argsort(-jumps, kind="stable")[:most])
         if filter == "directions":
             return cuts
-        # one vertex of each run from cut to cut: where the curve turns most; the ends of an open one
+        # one vertex of each run between two cuts, where the curve turns most; and the ends of an open curve
         turns = self._turns()
         label = (np.searchsorted(cuts, np.arange(n), side="right") - 1) % len(cuts)
         order = np.lexsort((-turns, label))
@@ -259,7 +253,7 @@ class _Prepared:
         return found
 
     def _turns(self) -> FloatArray:
-        """Compute by how much the direction changes at each vertex, infinitely at open ends, (n,)."""
+        """Compute the change of direction at each vertex, (k,); infinity at open ends."""
         directions, _ = self.segments()
         turns: FloatArray = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1)
         return turns if self.closed else np.concatenate([[math.inf], turns[1:], [math.inf]])
@@ -282,9 +276,9 @@ def _simplified(
 
 
 def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: Process) -> Simplified:
-    """Simplify a curve to so many vertices, with the least fidelity that leaves as many.
+    """Simplify a curve to `count` vertices, with the least fidelity that leaves as many.
 
-    One run leaves a third: from there the next begins, as long as more are left than asked for.
+    One run leaves about a third; the next run starts there, while there are more than `count`.
     """
     low = _LAM[filter]
     while not curve.too_small:
@@ -305,7 +299,7 @@ def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: P
 
 
 def _chain(sizes: list[int], closed: list[bool]) -> Graph:
-    """Make a graph of the values of several curves, each joined to the next of its own."""
+    """Make one graph for the values of several curves, each value joined to the next one of its curve."""
     starts = np.cumsum([0, *sizes])
     edges = []
     for start, size, shut in zip(starts, sizes, closed, strict=False):

@@ -1,4 +1,4 @@
-"""Compute skeletons of polygons, graphs with radii, before and after smoothing (section 5.3, figure 9)."""
+"""Compute skeletons of polygons, as graphs with radii, before and after smoothing (section 5.3, figure 9)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..weights import Weights
 from .curves import curves_of
 from .denoise import denoised
 
-# Vertices whose rays are cast together.
+# Pairs of a ray and a side of the polygon that are tested at once.
 _BLOCK = 1 << 22
 
 
@@ -32,8 +32,8 @@ class Skeleton:
     graph : Graph
         The skeleton's vertices, at their positions, joined by its edges.
     radii : (k,) float array
-        The distance of each skeleton vertex from the polygon's vertices next to it: the radius of the largest disk
-        around it that holds none.
+        The distance of each skeleton vertex from the nearest vertices of the polygon: the radius of the largest disk
+        around it without such a vertex.
     """
 
     points: FloatArray
@@ -48,19 +48,19 @@ class Skeleton:
 
     @property
     def n_ends(self) -> int:
-        """Vertices where a branch ends."""
+        """Number of vertices where a branch ends."""
         return int((self._degrees() == 1).sum())
 
     @property
     def n_junctions(self) -> int:
-        """Vertices where three or more branches meet."""
+        """Number of vertices where three or more branches meet."""
         return int((self._degrees() > 2).sum())
 
     def _degrees(self) -> IntArray:
         return np.diff(self.graph.indptr)
 
     def branches(self) -> list[IntArray]:
-        """List the chains from end or junction to end or junction, as vertices in order; a ring by itself is one."""
+        """List the chains between ends and junctions, as vertices in order; a ring without junctions is one chain."""
         degree, indptr, indices = self._degrees(), self.graph.indptr, self.graph.indices
         nodes = np.flatnonzero((degree != 2) & (degree > 0))
         done: set[tuple[int, int]] = set()
@@ -107,16 +107,17 @@ class SkeletonSimplification:
 
 @door
 def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
-    """Compute the skeleton of a simple polygon: the part inside it of the Voronoi diagram of its vertices.
+    """Compute the skeleton of a simple polygon: the part of the Voronoi diagram of its vertices inside the polygon.
 
     Parameters
     ----------
     points : (n, 2) array
-        The vertices in order, either way round; those of a closed curve, the first not repeated or repeated. They
-        should be dense: the diagram knows vertices, not sides. Vertices on the same point count once.
+        The vertices of a closed curve in order, in either direction, with or without the first repeated at the end.
+        They should be dense: the diagram uses the vertices and not the sides. Equal vertices count once.
     detail : float, default 1
-        An edge of the diagram counts if the way between its two vertices along the polygon is longer than the straight
-        one by at least so many mean segments: what is less comes of the sampling. 0 keeps all.
+        An edge of the diagram separates two vertices of the polygon. It is used if the path along the polygon between
+        them is longer than the straight line by at least this number of mean segments: smaller values come from the
+        sampling. 0 uses all edges.
 
     Returns
     -------
@@ -125,15 +126,15 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     Raises
     ------
     TypeError, ValueError
-        What is no polygon of the plane; vertices on one line; a detail below 0.
+        Not a polygon in the plane; vertices on one line; a detail below 0.
 
     Notes
     -----
-    The edges of the diagram between two vertices that follow each other along the polygon are those that leave it
-    through a side; of all others between places inside, the skeleton is made. Inside is by the even-odd rule, so that a
-    polygon that crosses itself has one too. How much longer the way along the polygon is (the chord residual of
-    Ogniewicz and Kuebler, Pattern Recognition 28(3), 1995) grows from the tips of branches inwards, so that what is
-    left hangs together. Every convex corner has a branch: the noisier a polygon, the more.
+    An edge of the diagram that separates two consecutive vertices crosses a side of the polygon; the other edges whose
+    ends are inside make the skeleton. Inside is defined by the even-odd rule, also for polygons that intersect
+    themselves. The excess length along the polygon (the chord residual of Ogniewicz and Kuebler, Pattern Recognition
+    28(3), 1995) increases from the tips of branches inwards, so that the skeleton stays connected. Every convex corner
+    has a branch: a noisy polygon has many.
 
     Examples
     --------
@@ -151,16 +152,16 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     [x] = curves_of(points, True).points
     number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
-        raise ValueError(f"a skeleton is that of a polygon of the plane, (n, 2); got {x.shape}")
+        raise ValueError(f"a skeleton needs a polygon in the plane, (n, 2), got {x.shape}")
     sites, order = np.unique(x, axis=0, return_index=True)
-    # along the polygon, without copies
+    # in the order of the polygon, without copies
     first = np.sort(order)
     sites = x[first]
     n = len(sites)
     try:
         diagram = Voronoi(sites - sites.mean(axis=0))
     except QhullError:
-        raise ValueError("the polygon has no inside: its vertices lie on one line, or are fewer than three") from None
+        raise ValueError("the polygon has no inside: its vertices are on one line, or fewer than three") from None
     places = diagram.vertices + sites.mean(axis=0)
     ridges = np.array(diagram.ridge_vertices)
     between = np.array(diagram.ridge_points)
@@ -180,7 +181,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     renamed = renamed.reshape(-1, 2)
     radii = np.zeros(len(used))
     radii[renamed.ravel()] = np.linalg.norm(places[edges.ravel()] - sites[np.repeat(between[:, 0], 2)], axis=1)
-    # sites on one circle give edges of length 0, and the same edge more than once
+    # sites on one circle give edges of length 0 and repeated edges
     proper = renamed[renamed[:, 0] != renamed[:, 1]]
     graph = Graph.from_edges(np.unique(np.sort(proper, axis=1), axis=0), n_vertices=len(used), positions=places[used])
     return Skeleton(x, graph, radii)
@@ -205,7 +206,7 @@ def simplify_skeleton(
     points : (n, 2) array
         As for :func:`skeleton`.
     p, lam, max_iter
-        The process on the polygon: p = 2, lam = 0.1 and 10 iterations, unless asked otherwise.
+        The process on the polygon, as in :func:`gpureg.denoise_curve`; the defaults are 2, 0.1 and 10.
     detail : float, default 1
         As for :func:`skeleton`.
     weights, fixed
@@ -216,7 +217,7 @@ def simplify_skeleton(
     Returns
     -------
     SkeletonSimplification
-        ``before`` and ``after``, each a :class:`Skeleton` with its polygon; ``n_branches`` tells what went.
+        ``before`` and ``after``, each a :class:`Skeleton` with its polygon.
 
     Raises
     ------
@@ -241,7 +242,7 @@ def simplify_skeleton(
 
 
 def _inside(places: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
-    """Say whether a ray from each place crosses the polygon an odd number of times, (k,)."""
+    """Return whether points (k, 2) are inside a polygon (n, 2) by the even-odd rule, (k,)."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     odd = np.zeros(len(places), bool)
     step = max(1, _BLOCK // len(polygon))

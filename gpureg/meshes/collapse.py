@@ -1,4 +1,4 @@
-"""Collapse edges of a triangle mesh one by one, so that it stays a surface: :class:`Collapses`."""
+"""Collapse edges of a triangle mesh one by one and keep it a valid surface: :class:`Collapses`."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ import numpy as np
 from ..arrays import FloatArray, IntArray
 from ..shapes.surface import face_vectors
 
-# A face may turn by no more than this cosine when a vertex of it moves: 78 degrees.
+# Smallest cosine of the angle by which a face may turn when one of its vertices moves: 78 degrees.
 _TURN = 0.2
 
-# What holds a merged vertex to the middle of the two, of the trace of their planes: it decides along flat directions.
+# Weight of the pull of a merged vertex to the edge's midpoint, as a share of the quadric's trace: it makes the position
+# unique where the planes leave it free.
 _HOLD = 1e-3
-
 
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 _TINY = float(np.finfo(float).tiny)
 
-# Where the best place will not do, another may: no further from the planes, in the mean, than this share of the edge.
+# If the best position is not allowed, another one may be at most this share of the edge from the planes, on average.
 _DETOUR = 0.1
 
 
 class Collapses:
-    """A mesh whose edges can be collapsed, each into a vertex where the planes of the faces merged so far are nearest.
+    """A mesh whose edges can be collapsed into the point nearest to the planes of all faces merged so far.
 
-    An edge is collapsed only if the surface stays one: the two vertices have no neighbours in common but those across
-    the edge (the link condition), at a border only along it, no edge has more than two faces, and no face turns over or
-    loses its area.
+    An edge is collapsed only if the mesh stays a surface: the only common neighbours of its two vertices are those
+    opposite to the edge (the link condition), border vertices are merged only along the border, no edge has more than
+    two faces, and no face turns over or loses its area.
 
     Parameters
     ----------
-    vertices, faces : arrays
-        (n, 3) and (F, 3); faces without area are not taken on.
-    quadrics : (n, 4, 4) array, optional
-        What each vertex remembers of planes: those of the faces that it was made of in an earlier mesh. None: the
-        planes of its faces.
+    vertices : (n, 3) float array
+    faces : (F, 3) int array
+        Faces of area 0 are left out.
+    quadrics : (n, 4, 4) float array, optional
+        The quadric of each vertex from an earlier mesh. None: computed from the planes of its faces.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray, quadrics: FloatArray | None = None) -> None:
@@ -52,7 +52,7 @@ class Collapses:
                 self.around[u].add(k)
         self.n_vertices = sum(bool(around) for around in self.around)
         self.into = np.arange(len(vertices))
-        # how often a vertex has been merged into: what is known of its edges' costs may be old
+        # how often another vertex was merged into this one: older costs of its edges are out of date
         self.merged = [0] * len(vertices)
         if quadrics is not None:
             self.quadrics = quadrics.copy()
@@ -67,7 +67,7 @@ class Collapses:
         self._hold_borders(faces[solid], normals, areas[solid])
 
     def _hold_borders(self, faces: IntArray, normals: FloatArray, areas: FloatArray) -> None:
-        """Add planes through the border edges, across their faces: what is merged along a border stays on it."""
+        """Add planes through the border edges, perpendicular to their faces, so that border vertices stay on it."""
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         owner = np.tile(np.arange(len(faces)), 3)
         low = np.sort(edges, axis=1)
@@ -84,24 +84,27 @@ class Collapses:
             np.add.at(self.quadrics, ends[:, k], quadrics)
 
     def costs(self, edges: IntArray) -> FloatArray:
-        """Compute the least sum of squared distances from the planes of both ends of each edge, by area, (k,)."""
+        """Compute the cost of each edge, (k,): the least sum of squared distances to the planes of its two vertices.
+
+        The planes are weighted by the areas of their faces; `edges` is (k, 2).
+        """
         both = self.quadrics[edges[:, 0]] + self.quadrics[edges[:, 1]]
         best = _optimum(both, self.x[edges].mean(axis=1))
         cost: FloatArray = _cost(both, best)
         return np.maximum(cost, 0)
 
     def collapse_cheapest(self, edges: IntArray, least: int, most: float = np.inf) -> int:
-        """Collapse edges, always that of the least cost, down to `least` vertices; return how many must stay.
+        """Collapse the (k, 2) edges in order of cost, down to `least` vertices; return the number of refused edges.
 
-        Edges that cost more than `most` are left. But for the hold to the middle costs only grow as vertices are
-        merged: one that was computed before its ends were merged is computed again when its turn comes.
+        Edges that cost more than `most` are not collapsed. Costs can only grow when vertices are merged (except for the
+        pull to the midpoint): an edge whose vertices were merged gets a new cost when its turn comes.
         """
         heap = [
             (cost, k, a, b, 0, 0)
             for k, (cost, (a, b)) in enumerate(zip(self.costs(edges).tolist(), edges.tolist(), strict=True))
         ]
         heapq.heapify(heap)
-        # pairs of merged vertices that have their place in the heap: several edges may join the two
+        # pairs of merged vertices that are already in the heap: several edges may join the same two
         waiting: set[tuple[int, int, int, int]] = set()
         refused = 0
         while heap and self.n_vertices > least:
@@ -127,7 +130,7 @@ class Collapses:
         return refused
 
     def root(self, u: int) -> int:
-        """Find the vertex that u is part of by now."""
+        """Return the vertex that u was merged into."""
         into = self.into
         while into[u] != u:
             into[u] = into[into[u]]
@@ -140,7 +143,7 @@ class Collapses:
         return found
 
     def _is_border(self, u: int) -> bool:
-        # inside a surface each neighbour is on two of the faces around
+        # around an inner vertex each neighbour belongs to two faces
         counts: dict[int, int] = {}
         for k in self.around[u]:
             for v in self.faces[k] or ():
@@ -148,9 +151,9 @@ class Collapses:
         return any(count != 2 for v, count in counts.items() if v != u)
 
     def collapse(self, u: int, v: int, most: float = np.inf) -> bool:
-        """Merge what u and v are part of; False if that is one vertex, no edge, or must stay apart.
+        """Merge the vertices that u and v belong to; return False if there is no such edge or it must not collapse.
 
-        Where the best place will not do, another may that costs `most` at most.
+        If the best position is not allowed, another one of cost at most `most` may be used.
         """
         u, v = self.root(u), self.root(v)
         if u == v:
@@ -164,9 +167,9 @@ class Collapses:
         if len(shared) == 2 and self._is_border(u) and self._is_border(v):
             return False
         if len(self.around[u] | self.around[v]) <= 4 and len(shared) == 2:
-            return False  # a tetrahedron would become two faces on the same vertices
+            return False  # a tetrahedron would become two faces with the same vertices
         if self.around[u] | self.around[v] == shared:
-            return False  # nothing would be left of this part
+            return False  # no face of this component would be left
         quadric = self.quadrics[u] + self.quadrics[v]
         middle = (self.x[u] + self.x[v]) / 2
         best = _optimum(quadric, middle)
@@ -180,7 +183,7 @@ class Collapses:
         return False
 
     def _stays(self, u: int, v: int, shared: set[int], place: FloatArray) -> bool:
-        """Whether no face around turns over or loses its area when u and v go to `place`."""
+        """Return whether no face turns over or loses its area when u and v move to `place`, (3,)."""
         rest = list((self.around[u] | self.around[v]) - shared)
         if not rest:
             return True
@@ -191,7 +194,7 @@ class Collapses:
         old, new = _cross(before), _cross(after)
         lengths = np.sqrt((old**2).sum(axis=1) * (new**2).sum(axis=1))
         longest = ((after - after[:, [2, 0, 1]]) ** 2).sum(axis=2).max(axis=1)
-        # an area of a millionth of the longest edge's square is none
+        # an area below a millionth of the squared longest edge counts as 0
         solid = np.sqrt((new**2).sum(axis=1)) > 1e-6 * longest
         return bool((solid & ((old * new).sum(axis=1) > _TURN * lengths)).all())
 
@@ -213,28 +216,28 @@ class Collapses:
         self.n_vertices -= 1
 
     def labels(self) -> IntArray:
-        """Find for each vertex the one that it is part of, (n,)."""
+        """Return the vertex that each vertex was merged into, (n,)."""
         into = self.into.copy()
         while (into != into[into]).any():
             into = into[into]
         return into
 
     def mesh(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the vertices left on faces, (k, 3), the faces, (F, 3), and which of the vertices these were, (k,)."""
+        """Return the remaining vertices, (k, 3), the faces, (F, 3), and the old index of each vertex, (k,)."""
         left = np.array([face for face in self.faces if face is not None], np.int64).reshape(-1, 3)
         kept, faces = np.unique(left, return_inverse=True)
         return self.x[kept], faces.reshape(-1, 3), kept
 
 
 def _cross(corners: FloatArray) -> FloatArray:
-    """Twice the area of triangles (k, 3, 3) along their normals; np.cross takes three times as long for a few."""
+    """Compute the cross products of triangles (k, 3, 3), (k, 3); np.cross takes three times as long for a few."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     product: FloatArray = a[:, _NEXT] * b[:, _AFTER] - a[:, _AFTER] * b[:, _NEXT]
     return product
 
 
 def _cost_of_one(quadric: list[list[float]], x: FloatArray, y: FloatArray) -> float:
-    """What `Collapses.costs` says of one edge with ends x and y, in plain numbers: a tenth of numpy's time for one."""
+    """Compute `Collapses.costs` for one edge from x to y in Python floats, which takes a tenth of numpy's time."""
     (a, b, c, d), (_, e, f, g), (_, _, h, i), (*_, j) = quadric
     hold = _HOLD * (a + e + h) + _TINY
     x0, x1, x2 = (float(z) for z in (x + y) / 2)
@@ -250,14 +253,14 @@ def _cost_of_one(quadric: list[list[float]], x: FloatArray, y: FloatArray) -> fl
 
 
 def _cost(quadric: FloatArray, place: FloatArray) -> Any:
-    """The sum of squared distances of places (..., 3) from the planes of quadrics (..., 4, 4)."""
+    """Compute the sums of squared distances, (...), of points (..., 3) to the planes of quadrics (..., 4, 4)."""
     A, b = quadric[..., :3, :3], quadric[..., :3, 3]
     moved = (A @ place[..., None])[..., 0]
     return (place * (moved + 2 * b)).sum(axis=-1) + quadric[..., 3, 3]
 
 
 def _optimum(quadric: FloatArray, middle: FloatArray) -> FloatArray:
-    """Where the sum of squared distances from the planes is least, held to the middle a little; of one or of many."""
+    """Find the points (..., 3) of least cost for quadrics (..., 4, 4), pulled a little to the midpoints (..., 3)."""
     A, b = quadric[..., :3, :3], quadric[..., :3, 3]
     hold = _HOLD * np.trace(A, axis1=-2, axis2=-1) + np.finfo(float).tiny
     held = A + hold[..., None, None] * np.eye(3)

@@ -37,20 +37,14 @@ def denoised(
     max_displacement: float | None = None,
     **options: Unpack[Model],
 ) -> MeshDenoising:
-    """Denoise a mesh, and say all that there is to say about it: the work of :func:`denoise_mesh`.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`denoise_mesh`.
-    """
+    """Denoise a mesh and return a full report; the parameters and errors are those of :func:`denoise_mesh`."""
     begin = time.perf_counter()
     surface = surface_of(mesh, faces)
     check_filter(filter)
     if flag("taubin", taubin):
         _check_taubin(filter, values, p, lam, sigma)
     if values is not None and max_displacement is not None:
-        raise ValueError("max_displacement bounds how far vertices move; values stay where they are")
+        raise ValueError("max_displacement is for vertices that move; values stay where they are")
     check_numbers(options, p=p, sigma=sigma, max_iter=max_iter, max_displacement=max_displacement)
     if isinstance(weights, str) and (weights != "cotangent" or (values is None and filter == "normals")):
         allowed = 'an object of gpureg.weights, an array, or "cotangent" for positions and values'
@@ -67,7 +61,7 @@ def denoised(
     if isinstance(fidelity, np.ndarray) and k < n:
         fidelity = _means(fidelity[:, None], which, k)[:, 0]
     pinned |= np.isinf(0.0 if fidelity is None else fidelity)
-    # far from the origin single precision has too few digits for details
+    # float32 has too few digits for details far from the origin
     positions = whole.vertices - whole.vertices.mean(axis=0)
     given = None if values is None else checked_values(values, n)
     task = Task(
@@ -84,7 +78,7 @@ def denoised(
         options,
     )
     found = task.values() if values is not None else task.taubin() if taubin else task.filtered(filter)
-    # what is alone comes back as it was, to the bit
+    # vertices that are pinned or without neighbours are returned unchanged, bit for bit
     still = pinned | (np.diff(task.graph.indptr) == 0)
     moves = np.where(still[:, None], 0.0, found.value - task.f0)
     value: npt.NDArray[Any]
@@ -100,67 +94,67 @@ def denoised(
 @door(options=MODEL)
 @part_of(denoised)
 def denoise_mesh(found: MeshDenoising) -> Any:
-    """Denoise a triangle mesh; called with nothing else it estimates the noise and keeps creases.
+    """Denoise a triangle mesh; without parameters it estimates the noise and preserves creases.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices, (n, 3), and `faces` too. Vertices on exactly the same point count as one, so that meshes
-        which repeat them (STL) do not tear; vertices in no face stay where they are.
+        A mesh, or only its vertices, (n, 3), with `faces` as the second argument. Vertices at exactly the same point
+        count as one, so that meshes that repeat them (STL) do not tear; vertices without a face do not move.
     faces : (F, 3) int array, optional
     filter : {"normals", "positions"}, default "normals"
-        "normals" regularizes the unit normals of the faces and moves the vertices to fit them: it keeps creases and
-        volume. "positions" regularizes the vertices themselves (figure 6), and rounds creases.
+        "normals" regularizes the unit normals of the faces and moves the vertices to fit them: it preserves creases
+        and volume. "positions" regularizes the positions of the vertices (figure 6) and rounds creases.
     values : (n,) or (n, m) array, optional
-        A function on the vertices, such as colours: it is regularized instead of the positions, and returned.
+        A function on the vertices, such as colours, to regularize and return instead of the positions.
     p : float, optional
         Degree of regularity > 0. None: 1 for normals and values, 2 for positions.
     lam : float or (n,) array, optional
-        Fidelity >= 0, a number or one per vertex (to a face's normal goes the mean of its corners); larger stays
-        closer to the mesh, infinity pins. With "positions" and 0 it is Laplacian smoothing, which shrinks. None: from
-        the noise, see Notes.
+        Fidelity >= 0, a number or one per vertex (a face's normal gets the mean of its vertices). Larger values stay
+        closer to the data; infinity pins. With "positions", 0 is Laplacian smoothing, which shrinks the mesh. None:
+        computed from the noise, see Notes.
     weights : Weights, array or "cotangent", optional
-        An object of :mod:`gpureg.weights` on the graph that the filter uses: that of :func:`gpureg.mesh_graph` for
-        positions and values, :func:`gpureg.face_graph` across vertices for normals; "cotangent" for
-        :func:`gpureg.weights.cotangent` of the faces (not for normals). None: 1; for normals 1 in a first round, then
-        exp(-|n(u) - n(v)|^2 / 0.35^2) of the normals of the round before, in two more.
+        An object of :mod:`gpureg.weights`, or one value per directed edge, on :func:`gpureg.mesh_graph` for positions
+        and values, or on :func:`gpureg.face_graph` across vertices for normals; "cotangent" for
+        :func:`gpureg.weights.cotangent` of the faces (not for normals). None: 1; for normals 1 in the first round, then
+        exp(-|n(u) - n(v)|^2 / 0.35^2) with the normals of the previous round in two more rounds.
     sigma : float, optional
-        Deviation of the noise, along the normals, in the units of the coordinates; of `values`, in theirs. None
-        estimates it (:func:`gpureg.estimate_mesh_noise`). Normals go by their own noise, but so that vertices move by
-        1.6 times this at most, in the root mean square.
+        Standard deviation of the noise: along the normals, in the units of the coordinates; with `values`, in their
+        units. None: estimated (:func:`gpureg.estimate_mesh_noise`). The normals have a noise estimate for themselves,
+        but the root mean square displacement of the vertices is at most 1.6 sigma.
     max_iter : int, optional
-        Iterations at most. None: 30 in each round of normals, 100 otherwise, 10 with `taubin`.
+        Maximal number of iterations. None: 30 in each round of normals, 100 otherwise, 10 with `taubin`.
     taubin : bool, default False
-        With filter="positions": Taubin's pair instead of the model, steps of 0.5 towards the mean of the neighbours and
-        0.53 away from it in turn (`weights` count; p, lam, sigma do not).
+        With filter="positions": use Taubin smoothing instead of the model, alternating steps of 0.5 towards the mean of
+        the neighbours and 0.53 away from it (with `weights`, but without p, lam and sigma).
     fixed : (n,) bool array, optional
-        Vertices that keep their place (or value).
+        Vertices whose position (or value) does not change.
     fix_border : bool, default False
-        Whether those on an edge of one face only keep theirs too.
+        Whether to fix the vertices on the border too, the edges with only one face.
     max_displacement : float, optional
-        No vertex moves further than this, in the units of the coordinates.
+        Maximal displacement of a vertex, in the units of the coordinates.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
     Returns
     -------
-    mesh of the kind that came in, with the same faces; with `values` an array of their shape
+    mesh of the type of the input, with the same faces; with `values` an array of their shape
 
     Raises
     ------
     TypeError, ValueError
-        What is no mesh of triangles, arguments out of their ranges or that do not fit together.
+        Not a triangle mesh; arguments out of range or in conflict.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize`. Where lam is None it is, with s the noise over the mean length of
-    the edges: for positions edge^(p - 2) 2^(p - 3) / s, that is 0.5/s at p = 2; for values 1.1 sqrt(degree / m) / sigma
-    at p = 1, of the mean degree and m channels; for normals 0.5 / d^2, d the median distance of a normal from the mean
-    of those across its edges. The vertices are fitted to normals by ten steps of Sun, Rosin, Martin and Langbein (IEEE
-    TVCG 13(5), 2007). Where these then move by more than 1.6 times the noise in the root mean square, it was not
-    what it seemed, as with few or long and thin triangles: lam is taken four times as large, until they do not.
+    Minimises the energy of :func:`gpureg.regularize`. With s the noise divided by the mean edge length, the default lam
+    is edge^(p - 2) 2^(p - 3) / s for positions, that is 0.5/s at p = 2; 1.1 sqrt(degree / m) / sigma for values at
+    p = 1, with the mean degree and m channels; 0.5 / d^2 for normals, with d the median distance of a normal from the
+    mean of its neighbours across edges. The vertices are fitted to the normals by ten steps of Sun, Rosin, Martin and
+    Langbein (IEEE TVCG 13(5), 2007). If their root mean square displacement exceeds 1.6 times the noise, the noise of
+    the normals was overestimated, as with few or thin triangles: lam is multiplied by four until it does not.
 
     Examples
     --------
@@ -178,7 +172,7 @@ def denoise_mesh(found: MeshDenoising) -> Any:
 
 
 def check_filter(filter: str) -> None:
-    """Raise ValueError unless this is a filter of meshes; for the word of earlier versions, name the new one."""
+    """Raise ValueError unless this is a filter of meshes; for the name of earlier versions, give the new one."""
     if filter == "vertices":
         raise ValueError('filter="vertices" is called filter="positions" now')
     choice("filter", filter, FILTERS)
@@ -188,11 +182,11 @@ def _check_taubin(filter: str, values: Any, p: Any, lam: Any, sigma: Any) -> Non
     if filter != "positions" or values is not None:
         raise ValueError('taubin=True moves positions: it needs filter="positions", and no values')
     if not (p is None and lam is None and sigma is None):
-        raise ValueError("Taubin's pair knows no p, lam or sigma: leave them out, or taubin")
+        raise ValueError("Taubin smoothing has no p, lam or sigma: leave them out, or leave taubin out")
 
 
 def _means(f: FloatArray, which: IntArray, k: int) -> FloatArray:
-    """Average a function (n, m) over the copies of each vertex, (k, m)."""
+    """Average a function (n, m) over the copies of each vertex, (k, m); `which`, (n,), numbers the vertices."""
     sums = np.stack([np.bincount(which, weights=x, minlength=k) for x in f.T.astype(np.float64)], axis=1)
     means: FloatArray = sums / np.bincount(which, minlength=k)[:, None]
     return means

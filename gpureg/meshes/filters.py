@@ -1,4 +1,4 @@
-"""What denoising a mesh does to the positions of its vertices, or to values on them (section 5.3)."""
+"""Filters that denoise the positions of a mesh's vertices, or values on them (section 5.3)."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ from .normals import fitted_vertices, regularized_normals
 Filter = Literal["normals", "positions"]
 FILTERS: tuple[Filter, ...] = get_args(Filter)
 
-# Rounds in which normals are regularized, and their iterations; a fourth round makes curved shapes worse.
+# Rounds in which normals are regularized, and iterations per round; a fourth round makes curved shapes worse.
 _ROUNDS, _ITERATIONS = 3, 30
 
-# Where no fidelity is given: the root mean square of displacements, in deviations of the noise, beyond which the rule's
-# is not believed, and how often it is raised. 0.96 to 1.27 on the pairs of bunny, nicolo, fandisk, block and
-# dodecahedron; 1.9 to 14 where a mesh collapsed.
+# For the default fidelity: the largest accepted root mean square displacement, in units of the noise, and how often the
+# fidelity is raised to stay below it. 0.96 to 1.27 on the pairs of bunny, nicolo, fandisk, block and dodecahedron; 1.9
+# to 14 where a mesh collapsed.
 _BELIEVABLE, _TRIES = 1.6, 8
 
-# Steps that fit the vertices to their normals: more make flat faces flatter and curved ones worse.
+# Steps that fit the vertices to the normals: more steps make flat faces flatter and curved ones worse.
 _FIT = 10
 
-# Taubin's pair: a step towards the mean of the neighbours, then one away from it.
+# Taubin smoothing: a step towards the mean of the neighbours, then one away from it.
 TAUBIN = (0.5, -0.53)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeshDenoising(Denoised[float]):
-    """What denoising a mesh did: see :class:`Denoised`.
+    """The result of denoising a mesh: see :class:`Denoised`.
 
     Attributes
     ----------
     filter : {"normals", "positions", "Taubin", "values"}
     lam : float or array
-        One per vertex if so given, and then for "normals" one per face.
+        An array if `lam` was one: (n,), one per vertex; for "normals" (F,), one per face.
     surface : Surface
-        The mesh that came in.
+        The input mesh.
     edge : float
         Mean length of its edges.
     """
@@ -70,11 +70,11 @@ class MeshDenoising(Denoised[float]):
 
     @property
     def vertices(self) -> FloatArray:
-        """Where the vertices are now, (n, 3)."""
+        """Positions of the vertices after denoising, (n, 3)."""
         return self.value if self.moves else self.surface.vertices
 
     def describe(self) -> str:
-        """The filter and its parameters, in a line."""
+        """Describe the filter and its parameters in one line."""
         if self.filter == "Taubin":
             return f"Taubin's pair of steps, {TAUBIN[0]} and {TAUBIN[1]}, {self.iterations} steps"
         return super().describe()
@@ -82,26 +82,26 @@ class MeshDenoising(Denoised[float]):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A function on the vertices of a mesh without copies, and what was asked for.
+    """A function on the vertices of a mesh without repeated vertices, and the settings of the filter.
 
     Attributes
     ----------
     surface : Surface
-        The mesh that came in, n vertices.
+        The input mesh, n vertices.
     faces : (F, 3) int array
-        Its triangles on the k vertices without copies.
+        Its triangles on the k vertices without repetitions.
     graph : Graph
-        That of these, with their positions around the mean.
+        The graph of these vertices, with their centred positions.
     f0 : (k, m) float array
         The function.
     pinned : (k,) bool array
-        Vertices that keep their place or value.
+        Vertices whose position or value does not change.
     lam : float, (k,) array or None
     sigma, p : float or None
     weights : Weights, array or None
     max_iter : int or None
     options : Model
-        What else :func:`gpureg.regularize` is told.
+        Other settings of :func:`gpureg.regularize`.
     """
 
     surface: Surface
@@ -118,7 +118,7 @@ class Task:
 
     @property
     def positions(self) -> FloatArray:
-        """Coordinates of the vertices around their mean."""
+        """Centred positions of the vertices, (k, 3)."""
         assert self.graph.positions is not None
         return self.graph.positions
 
@@ -134,7 +134,7 @@ class Task:
         return noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces))
 
     def filtered(self, filter: Filter) -> MeshDenoising:
-        """Regularize the positions, by themselves or by the normals of their faces."""
+        """Regularize the positions, or the normals of the faces and then fit the positions to them."""
         estimated = self.sigma is None
         sigma = self.sigma
         if sigma is None:
@@ -169,7 +169,7 @@ class Task:
         )  # fmt: skip
 
     def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> MeshDenoising:
-        """Regularize the function on the graph of the mesh, by the fidelity given or the rule's."""
+        """Regularize the function on the graph of the mesh, with the given fidelity or the default, `rule`."""
         lam = rule if self.lam is None else self.lam
         f, results = self.f0, []
         if not (isinstance(lam, float) and math.isinf(lam)):
@@ -180,11 +180,11 @@ class Task:
         return self._found(f, name, results, sigma=sigma, estimated=estimated, p=p, lam=lam)
 
     def _by_normals(self, sigma: float, estimated: bool) -> MeshDenoising:
-        """Fit the vertices to regularized normals, by the fidelity given or the rule's.
+        """Fit the vertices to regularized normals, with the given fidelity or the default.
 
-        The rule's is four times as large as long as vertices move by more than noise would. Where triangles are long
-        and thin, or few for what is round, the noise of normals tells of the shape: a cylinder of 64 vertices lost all
-        of its volume.
+        The default is multiplied by four while the vertices move by more than noise would. With thin triangles, or few
+        triangles on a round shape, the normals differ by shape and not by noise: a cylinder of 64 vertices lost its
+        whole volume.
         """
         lam = fidelity_to_normals(self.turned)
         found = self._fitted(sigma, estimated, lam)
@@ -218,7 +218,7 @@ class Task:
         return self._found(f, "normals", results, sigma=sigma, estimated=estimated, p=p, lam=used)
 
     def taubin(self) -> MeshDenoising:
-        """Take steps towards the mean of the neighbours and away from it in turn."""
+        """Alternate steps towards the mean of the neighbours and away from it."""
         f, results = self.f0, []
         options: Model = {**self.options, "solver": Jacobi(damping=1), "tol": None}
         for k in range(10 if self.max_iter is None else self.max_iter):

@@ -1,4 +1,4 @@
-"""Estimate how noisy a mesh is, by robust deviations of differences: :func:`estimate_mesh_noise`."""
+"""Estimate the noise of a mesh from the median of differences: :func:`estimate_mesh_noise`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..graphs.of_shapes import adjacent_faces, mesh_graph
 from ..noise.graphs import MEDIAN, averaging, second_differences
 from ..shapes.surface import face_normals, surface_of, vertex_normals
 
-# What noise makes of normals: distances from the mean of three neighbours over those from one of them (measured on five
-# meshes: 0.80 to 0.83), and the most of a vertex's deviation in edges over the former (0.7 to 0.95 there).
+# For noisy normals: the distance from the mean of three neighbours over that from one neighbour (measured on five
+# meshes: 0.80 to 0.83), and a bound on the noise of a vertex in mean edges over the former (0.7 to 0.95 there).
 _ACROSS, _TILT = 0.82, 1.2
 
 
 def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: float) -> float:
-    """Estimate the noise of a mesh as :func:`estimate_mesh_noise`, its graph and the noise of its normals known."""
+    """Estimate the noise of a mesh, (n, 3) and (F, 3), from its graph and the noise of its normals, `turned`."""
     heights = ((v - averaging(graph) @ v) * vertex_normals(v, faces)).sum(axis=1)
     differences = np.abs(second_differences(v, graph, heights))
     if not differences.size:
@@ -31,10 +31,10 @@ def noise_along_normals(v: FloatArray, faces: IntArray, graph: Graph, turned: fl
 
 
 def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
-    """Compute the median distance of a unit normal from the mean of those across edges, which faces u and v share.
+    """Compute the median distance of a unit normal (F, 3) from the mean of its neighbours; edge i joins u[i] and v[i].
 
-    At most what the median distance across an edge says: of a part made for a machine many a face lies at a crease,
-    and yet most edges are flat.
+    It is bounded by the median distance across an edge: on mechanical parts many faces touch a crease, but most edges
+    are flat.
     """
     n = len(normals)
     count = np.bincount(u, minlength=n) + np.bincount(v, minlength=n)
@@ -49,25 +49,25 @@ def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray) -> float:
 
 @door
 def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None) -> float:
-    """Estimate the deviation of noise on a mesh's vertices, along the normals, in the units of its coordinates.
+    """Estimate the standard deviation of the noise of a mesh along its normals, in the units of its coordinates.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
     faces : (F, 3) int array, optional
-        The faces, where `mesh` holds the vertices alone.
+        The faces, if `mesh` is only the vertices, (n, 3).
 
     Raises
     ------
     TypeError, ValueError
-        What is no mesh of triangles.
+        Not a triangle mesh.
 
     Notes
     -----
-    With h(u) the height of u over the mean of its neighbours, along the normal, it is the median of
-    |h(u) - mean of h around u| over what this makes of white noise of deviation 1 (about 1.36 / 0.674 where six
-    neighbours meet). Constant curvature drops out; detail as fine as the mesh counts as noise. It is at most 1.2 edges
-    times the noise of the normals, which is 0 where most edges are flat.
+    Let h(u) be the height of u above the mean of its neighbours, along the normal. The estimate is the median of
+    |h(u) - mean of h around u| divided by its value for white noise of standard deviation 1 (about 1.36 / 0.674 with
+    six neighbours). Constant curvature cancels; details as fine as the mesh count as noise. The estimate is at most 1.2
+    mean edges times the noise of the normals, which is 0 where most edges are flat.
 
     Examples
     --------

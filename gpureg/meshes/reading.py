@@ -20,7 +20,7 @@ from ..shapes.surface import surface_of
 
 FORMATS = {".ply": "PLY", ".obj": "OBJ", ".off": "OFF", ".stl": "STL"}
 
-# Properties of a PLY vertex that trimesh makes something of: all others are attributes.
+# Properties of a PLY vertex that trimesh reads itself: all others become attributes.
 _KNOWN = {
     "x",
     "y",
@@ -44,19 +44,19 @@ CHANNELS = ("red", "green", "blue", "alpha")
 
 
 class MeshError(PictureError):
-    """A mesh that cannot be read or written; the message says which and why."""
+    """A mesh cannot be read or written; the message gives the file and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What :func:`read_mesh` found in a file.
+    """The contents of a mesh file, from :func:`read_mesh`.
 
     Attributes
     ----------
     vertices : (n, 3) float64 array
     faces : (F, 3) int64 array
     mesh : trimesh.Trimesh
-        The same, with what else is in the file: colours, coordinates of textures, numbers at vertices and faces.
+        The same mesh with the other data of the file: colours, texture coordinates, numbers at vertices and faces.
     dtype : numpy.dtype
         The type of the coordinates in the file: float32 or float64; float64 for text.
     """
@@ -69,10 +69,10 @@ class MeshFile:
 
 @door
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
-    """Read a triangle mesh from a PLY, OBJ, OFF or STL file, its vertices and faces in the order of the file.
+    """Read a triangle mesh from a PLY, OBJ, OFF or STL file, with the vertices and faces in the order of the file.
 
-    Polygons are cut into triangles. STL has each vertex as often as faces meet there. An OBJ with a texture is put into
-    another order, and vertices at the texture's seams are repeated.
+    Polygons are cut into triangles. STL repeats each vertex once per face. Reading an OBJ with a texture changes the
+    order, and repeats the vertices at the seams of the texture.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     Raises
     ------
     MeshError
-        A file that is missing, may not be read, is truncated or none of these kinds; that holds points without faces,
-        or several meshes.
+        The file is missing, cannot be read, is truncated or has another format; it contains points without faces, or
+        several meshes.
     """
     kind = check_format(path)
     try:
@@ -111,13 +111,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
 
 def check_format(path: str | os.PathLike[str]) -> str:
-    """Return the format that the extension of a mesh's file names.
-
-    Raises
-    ------
-    MeshError
-        An unknown extension.
-    """
+    """Return the format of a mesh file by its extension; raise MeshError if it is unknown."""
     kind = FORMATS.get(Path(path).suffix.lower())
     if kind is None:
         raise MeshError(f"{path}: the extension of a mesh must be one of {', '.join(FORMATS)}")
@@ -125,24 +119,24 @@ def check_format(path: str | os.PathLike[str]) -> str:
 
 
 def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, np.dtype[Any]]:
-    """Load the one mesh in a file, and say the type of its coordinates."""
+    """Load the only mesh in a file; return it and the type of its coordinates."""
     import trimesh
 
-    # a vertex with two places in a texture would lose one of them
+    # a vertex with two texture coordinates would lose one of them
     ordered = kind != "OBJ" or re.search(rb"(?m)^vt\b", data) is None
     try:
         with warnings.catch_warnings():
-            # how numpy says that text is no numbers
+            # numpy's warning about text that is not a number
             warnings.filterwarnings("error", message=".*could not be read to its end.*")
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), process=False, maintain_order=ordered)
     except MemoryError:
         raise
-    except Exception as error:  # its parsers raise whatever they stumble over
+    except Exception as error:  # the parsers of trimesh raise many types of errors
         only = ", or its polygons differ in size, which is read from a PLY in text alone" if kind == "PLY" else ""
         raise MeshError(f"{path} is damaged, truncated or no {kind} file{only}") from error
     parts = list(scene.geometry.values())
     if len(parts) > 1:
-        raise MeshError(f"{path} holds {len(parts)} meshes, by material; join them, or write each to a file of its own")
+        raise MeshError(f"{path} contains {len(parts)} meshes, by material; join them, or save each to a separate file")
     if not parts or not isinstance(parts[0], trimesh.Trimesh) or not len(parts[0].faces):
         raise MeshError(f"{path} has no face; gpureg mesh needs triangles, points alone are for gpureg points")
     mesh = parts[0]
@@ -158,12 +152,12 @@ def _loaded(data: bytes, kind: str, path: str | os.PathLike[str]) -> tuple[Any, 
 
 
 def _column(data: Any) -> Any:
-    """The first property of a PLY element, as trimesh keeps them."""
+    """Return the first property of a PLY element, as stored by trimesh."""
     return next(iter(data.values())) if isinstance(data, dict) else data
 
 
 def _take_attributes(mesh: Any, elements: dict[str, Any]) -> None:
-    """Give the mesh, as attributes, the numbers at vertices and faces of a PLY file that trimesh does not know."""
+    """Add the numbers at vertices and faces of a PLY file that trimesh does not read as attributes of the mesh."""
     for element, attributes, count in (
         ("vertex", mesh.vertex_attributes, len(mesh.vertices)),
         ("face", mesh.face_attributes, len(mesh.faces)),
@@ -187,7 +181,7 @@ def _fault_of_obj(data: bytes) -> str:
 
 
 def _fault_of_off(data: bytes) -> str:
-    """Say what is missing of the lines, of which trimesh takes as many as there are."""
+    """Describe missing lines: trimesh accepts a truncated file."""
     start, _, rest = re.sub(rb"#.*", b"", data).partition(b"OFF")
     lines = [line.split() for line in rest.splitlines() if line.strip()]
     if start.strip(b"C \t\r\n") or not lines or not all(word.isdigit() for word in lines[0]) or len(lines[0]) < 2:
@@ -201,7 +195,7 @@ def _fault_of_off(data: bytes) -> str:
 
 
 def _fault_of_stl(data: bytes) -> str:
-    """Say where a length is not the one announced, for which trimesh would go on to read it as text."""
+    """Describe a wrong length: trimesh would then read the file as text."""
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         return "" if b"endsolid" in data.lower() else "its text does not end with endsolid"
     if len(data) < 84:
@@ -219,7 +213,7 @@ def _shown(line: bytes) -> str:
 
 
 def _utf8(data: bytes) -> bytes:
-    """Recode text whose comments may be in another encoding."""
+    """Encode text as UTF-8; its comments may be in another encoding."""
     try:
         data.decode()
     except UnicodeDecodeError:
@@ -228,11 +222,8 @@ def _utf8(data: bytes) -> bytes:
 
 
 def _plain_obj(data: bytes) -> bytes:
-    """Take the normals out of an OBJ file.
-
-    A vertex with two normals would be read as two: they would tear at creases, and the order would be lost.
-    """
+    """Remove the normals from an OBJ file: a vertex with two normals would be read as two vertices."""
     text = re.sub(rb"(?m)^vn\b.*$", b"", _utf8(data).replace(b"\r\n", b"\n"))
-    # a corner is vertex/texture/normal, of which the texture may be missing
+    # a corner is vertex/texture/normal; the texture may be missing
     text = re.sub(rb"(?<=\d)/(-?\d*)/-?\d+", rb"/\1", text)
     return re.sub(rb"(?<=\d)/(?=\s)", b"", text)

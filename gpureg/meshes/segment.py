@@ -21,9 +21,9 @@ from ..regularization.pieces import Labels, coarser, whole
 from ..shapes.surface import face_normals, face_vectors, surface_of
 from ..solvers import Solver
 
-# Fidelities where none are given: from those at which all but flat parts fall apart to those at which a part is all.
+# Default fidelities: the first leaves only flat parts whole, the last merges all faces.
 _LAMS = tuple(3.0 * 2.0**-k for k in range(12))
-# Values less than this apart have met, and the smoothing of the gradient; of normals, whose length is 1.
+# For unit normals: faces whose values differ by less than the first are merged; the second smooths the gradient norm.
 _MET, _EPS = 0.05, 0.01
 
 
@@ -34,7 +34,7 @@ class MeshSegmentation:
     Attributes
     ----------
     levels : tuple of (F,) int32 arrays
-        The segment of each face, one array per fidelity; each segment is a union of those of the level before.
+        The segment of each face, one array per fidelity; each segment is a union of segments of the previous level.
     lam : tuple of float
         The fidelity of each level.
     results : tuple of Result
@@ -51,17 +51,11 @@ class MeshSegmentation:
         return tuple(int(labels.max()) + 1 for labels in self.levels)
 
     def at_most(self, n: int) -> Labels:
-        """Find the finest level with at most `n` segments.
-
-        Raises
-        ------
-        ValueError
-            All have more.
-        """
+        """Return the finest level with at most `n` segments, (F,); raise ValueError if all have more."""
         for labels, count in zip(self.levels, self.n_segments, strict=True):
             if count <= n:
                 return labels
-        raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: go on to a smaller lam")
+        raise ValueError(f"no level has as few as {n} segments; they have {self.n_segments}: add a smaller lam")
 
 
 @door(options=RUN)
@@ -81,31 +75,31 @@ def segment_mesh(
     tol: float | None = None,
     **options: Unpack[Run],
 ) -> MeshSegmentation:
-    """Segment a mesh into parts on which a function is nearly constant, coarser and coarser as lam falls.
+    """Segment a mesh into parts on which a function is nearly constant, one segmentation for each lam.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices, (n, 3), and `faces` too.
+        A mesh, or only its vertices, (n, 3), with `faces` as the second argument.
     faces : (F, 3) int array, optional
     lam : sequence of float, optional
-        Fidelities > 0, each smaller than the one before. None: 3, 1.5, 0.75, ... twelve of them.
+        Decreasing fidelities > 0. None: twelve values, 3, 1.5, 0.75, ...
     values : (F,) or (F, m) array, optional
-        A function on the faces. None: their unit normals, for parts of one direction each.
+        A function on the faces. None: their unit normals, which gives flat parts.
     p : float, default 0.1
-        Degree of regularity; 1 and above make no faces meet.
-    weights : array, optional
+        Degree of regularity; with 1 and above no faces are merged.
+    weights : (n_edges,) array, optional
         One number >= 0 per directed edge of :func:`gpureg.face_graph`. None: the length of the edge that two faces
-        share, over the mean length.
+        share, divided by the mean length.
     merge_tol : float, optional
-        Faces whose regularized values differ by less have met. None: 0.05; with `values` 0.05 of their range.
+        Neighbouring faces whose regularized values differ by at most this are merged. None: 0.05; with `values` 0.05 of
+        their range.
     norm : {"edge", "vertex"}, default "edge"
-        "edge" lets two parts meet at a time, for a sequence in small steps; with "vertex" all strips of a curved part
-        meet at once.
+        "edge" merges two parts at a time, in small steps; "vertex" merges all strips of a curved part at once.
     solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
     eps : float, optional
-        As there; None: a fifth of `merge_tol`.
+        Smoothing of the gradient norm. None: a fifth of `merge_tol`.
 
     Returns
     -------
@@ -114,16 +108,16 @@ def segment_mesh(
     Raises
     ------
     TypeError, ValueError
-        What is no mesh of triangles, fidelities that do not fall, arguments out of their ranges.
+        Not a triangle mesh; fidelities that do not decrease; arguments out of range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    On the graph of faces that share an edge, with a fidelity of lam times the area of the face over the mean area, the
-    energy of :func:`gpureg.regularize` counts for small p what two parts have of a common border against the areas on
-    which the function is not that of the part. Faces that meet are a part; the parts, with their mean values, areas and
-    borders, go on to the next lam.
+    The graph joins faces that share an edge, and the fidelity of a face is lam times its area over the mean area. For
+    small p the energy of :func:`gpureg.regularize` then weighs the length of the borders between parts against the
+    deviation of the function from the value of its part. Merged faces are a part; the parts, with their mean values,
+    areas and borders, are the input for the next lam.
 
     Examples
     --------
@@ -151,12 +145,12 @@ def segment_mesh(
         f = checked_values(values, len(corners)).astype(np.float64)
         apart = _MET * float(np.linalg.norm(np.ptp(f, axis=0)))
     apart = apart if merge_tol is None else float(merge_tol)
-    # a face without area has no normal, and no say
+    # a face of area 0 has no normal and no mass
     mass = areas / areas.mean() if areas.any() else np.ones_like(areas)
     w = _borders(v, corners, graph) if weights is None else np.asarray(weights)
     smoothing = (apart * _EPS / _MET or 1.0) if eps is None else eps
     path = coarser(
-        whole(f, graph, w, mass), steps, p=p, met_at=apart, norm=norm, eps=smoothing, solver=solver,
+        whole(f, graph, w, mass), steps, p=p, merge_tol=apart, norm=norm, eps=smoothing, solver=solver,
         max_iter=max_iter, tol=tol, **options,
     )  # fmt: skip
     found = list(path)
@@ -164,10 +158,10 @@ def segment_mesh(
 
 
 def _borders(v: FloatArray, faces: IntArray, graph: Graph) -> FloatArray:
-    """Measure the edge that two neighbouring faces share, over the mean, per directed edge of their graph."""
+    """Compute the length of the edge that two faces share over the mean length, (n_edges,), on the graph of faces."""
     one, other = faces[graph.edge_rows()], faces[graph.indices]
     shared = (one[:, :, None] == other[:, None, :]).any(axis=2)
-    # the two corners that are shared come last
+    # the two shared vertices come last
     order = np.argsort(shared, axis=1, kind="stable")[:, 1:]
     ends = v[np.take_along_axis(one, order, axis=1)]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)

@@ -23,46 +23,46 @@ from ..solvers import Solver
 from ..weights import Weights, bilateral, guided
 from .collapse import Collapses
 
-# Reach of the default weights between unit normals of vertices: 9 degrees.
+# Scale of the default weights between unit normals of vertices: 9 degrees.
 _REACH = 0.15
 
-# Where a number of vertices is asked for, of the edges that met this share, the cheapest, is collapsed in a round, so
-# that what is cheap in a later round goes before what is dear in this: at 100 of 6475 vertices the fandisk is 0.4 to
-# 1.9 edges off, as rounding has it, 3.6 where all are. A cost below the second, in mean edges to the fourth (squared
-# distances, by areas), is none.
+# With `n_vertices`: the share of the short edges, the cheapest ones, that is collapsed in a round, so that edges that
+# become cheap in a later round go before expensive ones of this round. With 100 of 6475 vertices the error of the
+# fandisk is 0.4 to 1.9 edges, depending on rounding, and 3.6 if all short edges are collapsed. A cost below the second
+# number, in mean edges to the fourth power (squared distance times area), counts as 0.
 _CHEAP, _NOTHING = 0.5, 1e-9
-# Where none is, nor weights, what an edge may cost at most, in the same unit: the bunny is 0.5 edges off at 6270
-# vertices, 2.0 at 3968 with all that met, and a sphere of 162 vertices does not become a tetrahedron.
+# Without `n_vertices` and weights: the maximal cost of an edge, in the same unit. The error of the bunny is 0.5 edges
+# with 6270 vertices, and 2.0 with 3968 if all short edges are collapsed; a sphere of 162 vertices stays round.
 _DEAR = 0.3
 
-# Vertices have met where the process leaves less than this between them, in mean edges.
+# Edges that the process leaves shorter than this, in mean edges, are collapsed.
 _MET = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class MeshSimplification:
-    """What simplifying a mesh of n vertices did.
+    """The result of simplifying a mesh of n vertices.
 
     Attributes
     ----------
     surface : Surface
-        The mesh that came in.
+        The input mesh.
     vertices : (k, 3) float array
-        Those of the simpler mesh; vertices in no face are gone.
+        The vertices of the simplified mesh; vertices without a face are removed.
     faces : (F, 3) int array
         Its triangles.
     kept : (k,) int array
-        A vertex of the mesh that came for each, whose attributes it has.
+        The input vertex from which each vertex has its attributes.
     labels : (n,) int array
-        Which vertex each that came is part of now; -1 for those in no face.
+        The new vertex that each input vertex was merged into; -1 for vertices without a face.
     met : int
-        Edges whose ends met in the process, over all rounds.
+        Number of edges that the process made short, over all rounds.
     refused : int
-        Of these, those that could not be collapsed, for the surface to stay one.
+        How many of them were not collapsed because the result would not be a surface.
     results : list of Result
         The run of each round.
     seconds : float
-        How long it took.
+        Wall-clock time.
     """
 
     surface: Surface
@@ -91,13 +91,7 @@ def simplified(
     tol: float | None = None,
     **options: Unpack[Run],
 ) -> MeshSimplification:
-    """Simplify a mesh, and say all that there is to say about it: the work of :func:`simplify_mesh`.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`simplify_mesh`.
-    """
+    """Simplify a mesh and return a full report; the parameters and errors are those of :func:`simplify_mesh`."""
     begin = time.perf_counter()
     surface = surface_of(mesh, faces)
     if n_vertices is not None and integer("n_vertices", n_vertices) < 4:
@@ -110,7 +104,7 @@ def simplified(
     )
     whole, which = surface.welded()
     labels, kept = which, _first(which, len(whole.vertices))
-    # squares of coordinates far from the origin would have no digits left for distances
+    # squares of coordinates far from the origin have too few digits for distances
     centre = whole.vertices.mean(axis=0)
     v, triangles = whole.vertices - centre, whole.faces
     met = refused = 0
@@ -123,7 +117,7 @@ def simplified(
             break
         dear = _DEAR if n_vertices is None and weights is None else np.inf
         if weights is None or results:
-            # those given were for the first graph; the coarser a mesh, the further apart are neighbouring normals
+            # given weights are for the first graph only; neighbouring normals differ more on a coarser mesh
             weights = guided(bilateral(np.inf, _REACH * 2 ** len(results)), vertex_normals(v, triangles))
         v, triangles, part, which_kept, counts, result, quadrics = _round(
             v, triangles, quadrics, least, share, dear, weights, process
@@ -135,7 +129,7 @@ def simplified(
         if n_vertices is None:
             break
         if len(v) >= before:
-            # nothing cheap is left: half of the rest, and at last all
+            # no cheap edge is left: take half of the rest, and finally all
             if share == 1 or not counts[0]:
                 break
             share = (1 + share) / 2 if share < 0.95 else 1.0
@@ -148,25 +142,26 @@ def simplified(
 @door(options=RUN)
 @part_of(simplified)
 def simplify_mesh(found: MeshSimplification) -> Any:
-    """Simplify a triangle mesh: the vertices that meet when their positions are regularized with p < 1 become one.
+    """Simplify a triangle mesh: merge vertices that come together when positions are regularized with p < 1.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices, (n, 3), and `faces` too. Vertices on exactly the same point count as one.
+        A mesh, or only its vertices, (n, 3), with `faces` as the second argument. Vertices at exactly the same point
+        count as one.
     faces : (F, 3) int array, optional
     n_vertices : int, optional
-        How many vertices to leave, at least 4: as many rounds are done as that takes, each collapsing the cheaper half
-        of what met, and the last stops there. More are left where the surface allows no fewer. None: what one round
-        leaves of a mesh where an edge may cost 0.3 mean edges to the fourth (squared distance, by area), a tenth to a
-        fifth of most; all that met where weights are given.
+        Number of vertices of the result, at least 4. Each round collapses the cheaper half of the short edges, until
+        the number is reached, or until the surface allows no further collapse. None: one round. It collapses short
+        edges that cost up to 0.3 mean edges to the fourth power (squared distance times area), which leaves a tenth to
+        a fifth of the vertices of most meshes; with given weights it collapses all short edges.
     p : float, default 0.1
         Degree of regularity, best below 1.
     lam : float, default 0.001
-        Fidelity >= 0: larger leaves more vertices. Positions are taken in mean edges, so that it has no unit.
+        Fidelity >= 0: larger values leave more vertices. It has no unit: positions are measured in mean edges.
     weights : Weights or array, optional
-        On :func:`gpureg.mesh_graph`, for the first round. None: exp(-|n(u) - n(v)|^2 / 0.15^2) of the vertices' unit
-        normals (0.3 in a second round, 0.6 in a third), so that flat parts thin out and creases stay;
+        Weights on :func:`gpureg.mesh_graph` for the first round. None: exp(-|n(u) - n(v)|^2 / 0.15^2) of the vertices'
+        unit normals (0.3 in the second round, 0.6 in the third), which thins out flat parts and preserves creases;
         ``weights=gpureg.weights.constant()`` is figure 8.
     eps : float, default 1e-3
         Smoothing of the gradient norm, in mean edges.
@@ -175,28 +170,28 @@ def simplify_mesh(found: MeshSimplification) -> Any:
 
     Returns
     -------
-    mesh of the kind that came in
-        Its vertices have the attributes (colours and the like) of one of those that they are made of. A closed surface
-        stays closed, a manifold one; there are no faces without area or twice the same.
+    mesh of the type of the input
+        A vertex has the attributes, such as colours, of one of the vertices merged into it. A closed surface stays
+        closed, a manifold stays a manifold; no face has area 0 or occurs twice.
 
     Raises
     ------
     TypeError, ValueError
-        What is no mesh of triangles, arguments out of their ranges.
+        Not a triangle mesh; arguments out of range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for the positions, from where they are: p < 1 has many minima.
-    Edges that are left shorter than a tenth of the mean edge are collapsed, always the flattest of those left, each to
-    the point nearest to the planes of all faces merged so far, in earlier rounds too (quadrics, Garland and Heckbert
-    1997), and only where the surface stays one: the link condition holds, no face turns over or loses its area. Faces
-    at an edge of more than two are left alone.
+    Minimises the energy of :func:`gpureg.regularize` for the positions, starting at the mesh: for p < 1 there are many
+    minima. Edges that become shorter than a tenth of the mean edge are collapsed in order of cost, each to the point
+    nearest to the planes of all faces merged so far (quadrics, Garland and Heckbert 1997), but only if the mesh stays a
+    surface: the link condition is met, and no face turns over or loses its area. Edges with more than two faces are not
+    collapsed.
 
     Examples
     --------
-    A flat square of 81 vertices needs few:
+    A flat square of 81 vertices needs only a few:
 
     >>> import numpy as np, gpureg as gr
     >>> x, y = (axis.ravel() for axis in np.mgrid[:9, :9])
@@ -211,7 +206,7 @@ def simplify_mesh(found: MeshSimplification) -> Any:
 
 
 def _first(which: IntArray, k: int) -> IntArray:
-    """Find for each vertex that is left of copies the first of them, (k,)."""
+    """Return the first copy of each of the k vertices, (k,); `which`, (n,), numbers the vertices."""
     first: IntArray = np.unique(which, return_index=True)[1]
     assert len(first) == k
     return first
@@ -227,11 +222,10 @@ def _round(
     weights: Weights | npt.ArrayLike,
     process: Callable[..., Result],
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
-    """Run the process once and collapse edges, the cheapest first, down to `least` vertices.
+    """Run the process once and collapse the cheapest share of the short edges, down to `least` vertices.
 
-    Of the edges that met only a share, the cheapest, is collapsed. Vertices and faces left, which of them each
-    vertex has become (-1: none), a vertex that each of them was, how many edges met and how many of these were refused,
-    the run, and the planes that the vertices remember.
+    Return the vertices, (k, 3), and faces that are left, the new index of each vertex, (n,) (-1: removed), the old
+    index of each new vertex, (k,), the numbers of short and of refused edges, the result, and the quadrics, (k, 4, 4).
     """
     graph = mesh_graph(v, faces)
     u, w = graph.edge_rows(), graph.indices

@@ -30,25 +30,25 @@ _PLY_TYPES = {
 
 @door
 def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike | None = None) -> None:
-    """Write a triangle mesh in the format that the extension names, whole or not at all.
+    """Write a triangle mesh in the format of the extension, completely or not at all.
 
     Parameters
     ----------
     path : path
-        One that ends in .ply, .obj, .off or .stl. A file that is there is replaced when the new one is complete.
+        A name that ends in .ply, .obj, .off or .stl. An existing file is replaced when the new one is complete.
     mesh : trimesh.Trimesh, (vertices, faces), pyvista.PolyData or open3d.geometry.TriangleMesh
-        Of a trimesh, PLY keeps the colours and the numbers at vertices and faces, OBJ the colours of vertices, the
-        coordinates of textures and the name of the material; of others the vertices and faces are written.
+        Of a trimesh, PLY contains the colours and the numbers at vertices and faces, and OBJ the colours of vertices,
+        the texture coordinates and the name of the material; of other meshes only vertices and faces are written.
     dtype : {float32, float64}, optional
-        Type of the coordinates in a PLY file. None: float32 where that loses no digit, otherwise float64. STL has
-        float32 only; OBJ and OFF get 16 digits of the largest coordinate.
+        Type of the coordinates in a PLY file. None: float32 if that loses no digits, otherwise float64. STL has only
+        float32; OBJ and OFF have 16 digits of the largest coordinate.
 
     Raises
     ------
     MeshError, PictureError
-        An unknown extension, a folder that does not exist or may not be written, a disk that refuses.
+        An unknown extension; a folder that does not exist or is not writable; an error of the disk.
     TypeError, ValueError
-        What is no mesh of triangles.
+        Not a triangle mesh.
 
     Examples
     --------
@@ -67,13 +67,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Any, *, dtype: npt.DTypeLike 
 
 
 def encode_mesh(path: str | os.PathLike[str], mesh: Any, dtype: npt.DTypeLike | None = None) -> bytes:
-    """Encode a mesh as :func:`write_mesh` writes it to a file of that name.
-
-    Raises
-    ------
-    MeshError, TypeError, ValueError
-        As :func:`write_mesh`, but for the disk.
-    """
+    """Encode a mesh as :func:`write_mesh` writes it to a file of that name, with the same errors."""
     kind = check_format(path)
     surface = surface_of(mesh)
     whole = mesh if hasattr(mesh, "visual") else _bare(surface.vertices, surface.faces)
@@ -108,7 +102,7 @@ def _encoded(kind: str, mesh: Any, dtype: np.dtype[Any]) -> bytes:
 
 
 def _ply(mesh: Any, dtype: np.dtype[Any]) -> bytes:
-    """Encode a binary PLY file; trimesh would narrow coordinates to float32."""
+    """Encode a binary PLY file; trimesh would convert coordinates to float32."""
     colours = getattr(mesh.visual, "kind", None)
     vertex = {axis: np.asarray(mesh.vertices[:, k], dtype) for k, axis in enumerate("xyz")}
     if colours == "texture" and np.shape(mesh.visual.uv) == (len(mesh.vertices), 2):
@@ -140,7 +134,7 @@ def _properties(columns: dict[str, npt.NDArray[Any]]) -> list[str]:
 
 
 def _numbers(attributes: Any, count: int) -> dict[str, npt.NDArray[Any]]:
-    """Pick the attributes that are a number each, in types that PLY has."""
+    """Return the attributes of one number per element, (count,) each, in types that PLY has."""
     found = {}
     for name, given in attributes.items():
         values = np.asarray(given)

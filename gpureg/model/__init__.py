@@ -1,1 +1,1 @@
-"""The variational problem (eq. 19, 20): checked, on a device, its result, what memory it takes."""
+"""The variational problem (eq. 19, 20): its checks, arrays on a device, result and memory."""

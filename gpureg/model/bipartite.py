@@ -1,8 +1,8 @@
-"""Where a plain Gauss-Jacobi sweep can swing: bipartite parts of a graph that hold no data.
+"""Find the parts of a graph where a plain Gauss-Jacobi sweep can oscillate: bipartite parts without data.
 
-With lam = 0 a sweep replaces every vertex by a mean of its neighbours. Where the neighbours' neighbours never meet a
-vertex of the other kind (a bipartite part: the 4-adjacency graph, a tree, an even cycle) the two kinds can change
-places forever; the operator has the eigenvalue -1. Data (lam > 0), a pinned vertex or an odd cycle end that.
+With lam = 0 a sweep replaces each vertex by a mean of its neighbours. On a bipartite part (the 4-adjacency graph, a
+tree, an even cycle) the values of the two classes can be exchanged forever: the operator has the eigenvalue -1. Data
+(lam > 0), a pinned vertex or an odd cycle prevent that.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ Ends = tuple[IntArray, IntArray]
 
 
 def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: FloatArray) -> bool:
-    """Whether some connected part with an edge is bipartite and has lam = 0 everywhere.
+    """Return whether a connected part with an edge is bipartite and has lam = 0 everywhere.
 
     Parameters
     ----------
     graph : Graph or GridGraph
     weights : array or None
-        As ``Backend.prepare`` takes them, or gamma as ``Backend.put_edges`` does: an edge of weight 0 is none.
+        In the form of ``Backend.prepare``, or gamma in that of ``Backend.put_edges``: weight 0 means no edge.
     lam : () or (n, 1) array
     """
     n = graph.n_vertices
     data = np.broadcast_to(lam > 0, (n, 1))[:, 0]
     if data.all():
         return False
-    # The double cover: two copies of every vertex, an edge joins either copy of one end to the other copy of the
-    # other. A part is bipartite where the two copies stay apart. Data joins the copies of its vertex.
+    # The double cover has two copies of each vertex; an edge (u, v) joins each copy of u to the other copy of v. A part
+    # is bipartite if the two copies of its vertices are not connected. Data connects the copies of its vertex.
     labels: IntArray = np.arange(2 * n)
     own = np.flatnonzero(data)
     labels = _joined(labels, own, own + n)
@@ -51,7 +51,7 @@ def has_swinging_part(graph: AnyGraph, weights: FloatArray | None, lam: FloatArr
 
 
 def _joined(labels: IntArray, a: IntArray, b: IntArray) -> IntArray:
-    """Labels of connected parts after joining the parts of nodes `a` with those of nodes `b`."""
+    """Update the labels of connected parts, (2 n,), after joining node a[i] to node b[i] for all i."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
@@ -65,7 +65,7 @@ def _joined(labels: IntArray, a: IntArray, b: IntArray) -> IntArray:
 
 
 def _edges(graph: AnyGraph, weights: FloatArray | None) -> Iterator[Ends]:
-    """The edges that are there, once each or more often: all of a stored graph, those of one offset of a grid."""
+    """Yield the edges of weight > 0, each at least once: all of a stored graph, or one offset of a grid at a time."""
     if isinstance(graph, Graph):
         there = slice(None) if weights is None else np.flatnonzero(weights.reshape(-1) > 0)
         yield graph.edge_rows()[there], graph.indices[there].astype(np.int64)

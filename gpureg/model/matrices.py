@@ -1,4 +1,4 @@
-"""A weighted graph as sparse matrices on the host: its edges with both values of gamma, and the difference operator."""
+"""A weighted graph on the host: its edges with both values of gamma, and the difference operator as a sparse matrix."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Edges:
     there, back : (E,) float array
         gamma(u, v) and gamma(v, u), in the caller's variable f.
     place, place_back : (E,) int array
-        Where (u, v) and (v, u) stand in a host function on the directed edges, counted along all axes but the last.
+        Positions of (u, v) and (v, u) in a host function on the directed edges, flattened over all axes but the last.
     """
 
     u: IntArray
@@ -46,7 +46,7 @@ class Edges:
 
 
 def undirected_edges(problem: DeviceProblem, wanted: npt.NDArray[np.bool_] | None = None) -> Edges:
-    """The edges of a problem; `wanted`, one value per vertex, leaves out those of which neither end is wanted."""
+    """Return the edges of a problem; with `wanted`, (n,), only those with at least one end wanted."""
     graph, given = problem.weighted.graph, problem.host_gamma()
     if given is not None and problem.weighted.directed:
         given = given[..., 0]
@@ -58,7 +58,7 @@ def undirected_edges(problem: DeviceProblem, wanted: npt.NDArray[np.bool_] | Non
         if problem.weighted.directed:
             there, back = values[edges.place], values[edges.place_back]
         else:
-            first = 0 if isinstance(graph, Graph) else graph.half_window * graph.n_vertices  # the forward half alone
+            first = 0 if isinstance(graph, Graph) else graph.half_window * graph.n_vertices  # only the forward half
             there = back = np.sqrt(values[edges.place - first])
     if problem.scale is not None:
         there, back = there * problem.scale[edges.u, 0], back * problem.scale[edges.v, 0]
@@ -106,9 +106,9 @@ class Difference:
     start : (D,) int array
         The vertex at which each edge starts.
     place : (D,) int array
-        Where it stands in a host function on the directed edges.
+        Its position in a host function on the directed edges.
     edges : Edges
-        The same without a direction: row k is (u, v) of edge k, row E + k its opposite.
+        The undirected edges: row k is (u, v) of edge k, row E + k its opposite.
     """
 
     matrix: csr_array
@@ -119,21 +119,21 @@ class Difference:
 
     @classmethod
     def of(cls, problem: DeviceProblem) -> Difference:
-        """The difference of a problem, for functions in the caller's variable f."""
+        """Make the difference of a problem, for functions in the caller's variable f."""
         from scipy.sparse import csr_array
 
         e = undirected_edges(problem)
         e = e[(e.there > 0) | (e.back > 0)]
         start, end = np.concatenate([e.u, e.v]), np.concatenate([e.v, e.u])
         own, other = np.concatenate([e.there, e.back]), np.concatenate([e.back, e.there])
-        # a row has two entries: no sorting needed
+        # each row has two entries: no sorting needed
         values, columns = np.stack([other, -own], axis=1).ravel(), np.stack([end, start], axis=1).ravel()
         shape = (len(start), problem.weighted.graph.n_vertices)
         matrix = csr_array((values, columns, np.arange(0, len(columns) + 1, 2)), shape=shape)
         return cls(matrix, matrix.T, start, np.concatenate([e.place, e.place_back]), e)
 
     def laplacian(self, c: FloatArray, diagonal: FloatArray) -> csr_array:
-        """The matrix of d* c d plus a diagonal, for a conductance c of each directed edge, (D,)."""
+        """Compute the matrix d* c d plus a diagonal, (n,), for a conductance c of each directed edge, (D,)."""
         from scipy.sparse import csr_array
 
         e, n = self.edges, self.matrix.shape[1]
@@ -145,7 +145,7 @@ class Difference:
 
     @functools.cached_property
     def _pattern(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Where the numbers of a Laplacian go: vertices, then edges, then their opposites."""
+        """The order, indices and indptr of a Laplacian's entries: vertices, then edges, then opposite edges."""
         from scipy.sparse import coo_array
 
         e, n = self.edges, self.matrix.shape[1]
@@ -155,7 +155,7 @@ class Difference:
         return pattern.data, pattern.indices, pattern.indptr
 
     def on_device(self, problem: DeviceProblem, y: FloatArray) -> Array:
-        """A function on these edges, (D, m), on the device; 0 on all others."""
+        """Put a function on these edges, (D, m), on the device; it is 0 on all other edges."""
         graph = problem.weighted.graph
         shape = (len(graph.offsets), *graph.shape) if isinstance(graph, GridGraph) else (graph.n_edges,)
         values = np.zeros((math.prod(shape), y.shape[1]))

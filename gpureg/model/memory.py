@@ -1,4 +1,4 @@
-"""Device memory as a budget: the bytes a job needs, known before it starts, and the bytes it may take."""
+"""Memory of the device: the bytes that a job needs, computed before it starts, and the bytes that it may use."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm, as_weights, lam_numbers
 
-# Share of a device's memory that a job may take. A CPU's is the host's too, which holds the data and what is packed.
+# Share of a device's memory that a job may use. The memory of a CPU also contains the data and packed copies.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
 
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -35,20 +35,20 @@ class Need:
 
     @classmethod
     def of(cls, arrays: Sequence[int]) -> Need:
-        """The need of these arrays."""
+        """Make the need of arrays of these sizes."""
         return cls(sum(arrays), max(arrays, default=0))
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Bytes that a job may take, of the largest array too, and who says so.
+    """Bytes that a job may use.
 
     Attributes
     ----------
     total, largest : int
-        Bytes.
+        Bytes of all arrays, and of the largest one.
     asked : bool
-        Whether the caller or the environment set the limit, and not the device.
+        Whether the limit comes from the caller or the environment, and not from the device.
     """
 
     total: int
@@ -56,30 +56,30 @@ class Budget:
     asked: bool
 
     def holds(self, need: Need) -> bool:
-        """Whether a job fits."""
+        """Return whether a job fits."""
         return need.total <= self.total and need.largest <= self.largest
 
 
 @dataclass(frozen=True)
 class Job:
-    """What of a regularization decides its memory, besides the graph.
+    """The properties of a regularization, apart from the graph, that decide its memory.
 
     Attributes
     ----------
     channels : int
-        Of the function.
+        Channels of the function.
     norms : int
-        Channels of the conductances on the vertices; 0 where there are none.
+        Channels of the conductances on the vertices; 0 if there are none.
     weights : Weights, array or None
-        None for the graph's own.
+        None: those of the graph.
     directed : bool
         Whether gamma is given per directed edge.
     per_vertex : bool
-        Whether lam is.
+        Whether lam is given per vertex.
     stored : bool
         Whether weights are stored; if not, the job is one sweep.
     keeps : tuple of int
-        Functions on the vertices, and on the directed edges, that the solver keeps besides the data and two iterates.
+        Functions on the vertices, and on the directed edges, that the solver needs, without data and two iterates.
     """
 
     channels: int = 1
@@ -91,7 +91,7 @@ class Job:
     keeps: tuple[int, int] = (0, 0)
 
     def need(self, graph: AnyGraph, backend: Backend) -> Need:
-        """The bytes on a graph, by what the backend says of its arrays; nothing happens on the device."""
+        """Compute the bytes on a graph from the sizes of the backend's arrays, without using the device."""
         fidelity = [backend.function_bytes(graph, 1)] if self.per_vertex else []
         function = backend.function_bytes(graph, self.channels)
         found = patch_weights(self.weights)
@@ -109,7 +109,7 @@ class Job:
         if found is not None and found[0].storage in backend.storages and isinstance(graph, GridGraph):
             storage = found[0].storage
         if storage == "none" and isinstance(graph, GridGraph):
-            # what they are computed from, the mask with it
+            # the data that weights are computed from, with the mask
             arrays.append(backend.function_bytes(graph, (guide or self.channels) + (graph.mask is not None)))
         elif self.directed or not _is_unit(graph, self.weights):
             stored = backend.edge_bytes(graph, directed=self.directed)
@@ -121,7 +121,7 @@ class Job:
 
 
 def _is_unit(graph: AnyGraph, weights: Any) -> bool:
-    """Whether every edge has weight 1, which is not stored."""
+    """Return whether every edge has weight 1, which is not stored."""
     own = graph.mask if isinstance(graph, GridGraph) else graph.weights
     return own is None and (weights is None or isinstance(weights, Constant))
 
@@ -140,7 +140,7 @@ def memory_needed(
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> int:
-    """Bytes that a job takes on its device, told before it starts: nothing happens there.
+    """Compute the bytes that a job needs on its device, without using the device.
 
     Parameters
     ----------
@@ -148,22 +148,22 @@ def memory_needed(
     channels : int, default 1
         Channels of the data.
     p, lam, weights, norm, coupled
-        As in :func:`gpureg.regularize`; whether `lam` is a number or one value per vertex is all that matters of it.
+        As in :func:`gpureg.regularize`; of `lam` it only matters whether it is a number or one value per vertex.
     stored : bool, default True
-        Whether the weights are stored. False is one sweep at p = 2 of bilateral or patch weights, as
-        :func:`gpureg.denoise_image` makes it where nothing else is asked for.
+        Whether the weights are stored. False is one sweep at p = 2 with bilateral or patch weights, as in
+        :func:`gpureg.denoise_image` by default.
     backend, dtype
         As in :func:`gpureg.regularize`.
 
     Returns
     -------
     int
-        The peak, with what is needed for a while. What the host holds meanwhile is not counted.
+        The peak, including temporary arrays, without the memory of the host.
 
     Raises
     ------
     TypeError, ValueError
-        Neither kind of graph, no channels, or weights that have to be stored.
+        Not a graph; no channels; stored=False with weights that must be stored.
 
     Examples
     --------
@@ -189,12 +189,12 @@ def memory_needed(
 
 
 def budget(backend: Backend, memory: int | None) -> Budget:
-    """What a job may take: the least of a share of the device's memory, `memory`, and GPUREG_MEMORY.
+    """Return what a job may use: the least of a share of the device's memory, `memory`, and GPUREG_MEMORY.
 
     Raises
     ------
     TypeError, ValueError
-        A `memory` or a GPUREG_MEMORY that is no number of bytes.
+        `memory` or GPUREG_MEMORY is not a number of bytes.
     """
     device = backend.device
     limits = [int(device.memory * _SHARES[device.kind])] if device.memory else []
@@ -212,12 +212,7 @@ def budget(backend: Backend, memory: int | None) -> Budget:
 
 
 def as_bytes(text: str) -> int:
-    """A number of bytes from a text such as "8GiB", "512M" or "1000000".
-
-    Raises
-    ------
-    ValueError
-        Anything else.
+    """Convert a text such as "8GiB", "512M" or "1000000" to a number of bytes; raise ValueError for other text.
 
     Examples
     --------
@@ -232,7 +227,7 @@ def as_bytes(text: str) -> int:
 
 
 def readable(count: int) -> str:
-    """Bytes for a sentence."""
+    """Format a number of bytes for a message."""
     for unit, size in (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)):
         if count >= size:
             return f"{count / size:.1f} {unit}"

@@ -16,7 +16,7 @@ from .problem import Gamma, Problem
 
 @dataclass(frozen=True, eq=False)
 class DeviceProblem:
-    """A problem's arrays on a device: what a solver works on.
+    """A problem with its arrays on a device, as a solver needs it.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class DeviceProblem:
 
     Notes
     -----
-    The forms of gamma that are a vertex's own factor, gamma_uv = sqrt(w) s(u), are a change of variable: g = s f turns
-    the problem into that of gamma = sqrt(w) with data s f0 and fidelity lam/s^2, eps and energy unchanged. So kernels
-    and solvers know sqrt(w) alone, and `scale` carries s.
+    A gamma with a factor per vertex, gamma_uv = sqrt(w) s(u), is a change of variable: g = s f gives the problem of
+    gamma = sqrt(w) with data s f0 and fidelity lam/s^2, with the same eps and energy. Kernels and solvers therefore
+    only need sqrt(w), and `scale` is s.
     """
 
     problem: Problem
@@ -47,7 +47,7 @@ class DeviceProblem:
 
     @classmethod
     def put(cls, problem: Problem, backend: Backend, reference: FloatArray | None = None) -> DeviceProblem:
-        """Bring a problem onto a device, computing its weights there from `reference`, or from the data."""
+        """Put a problem on a device, with weights computed there from `reference`, (n, m), or from the data."""
         graph = problem.graph
         if not isinstance(problem.gamma, str):
             weighted = backend.prepare_gamma(graph, problem.gamma)
@@ -60,7 +60,7 @@ class DeviceProblem:
         return cls(problem, backend, weighted, backend.put(graph, f0), _put_lam(problem, backend, scale), scale)
 
     def changed(self, problem: Problem) -> DeviceProblem:
-        """The same data, graph and weights with another p, lam or eps."""
+        """Return the problem with the same data, graph and weights, but another p, lam or eps."""
         return replace(self, problem=problem, lam=_put_lam(problem, self.backend, self.scale))
 
     @property
@@ -75,7 +75,7 @@ class DeviceProblem:
 
     @property
     def coupled(self) -> bool:
-        """One gradient norm for all channels, or one each."""
+        """Whether all channels have one gradient norm, or one each."""
         return self.problem.coupled
 
     @property
@@ -89,62 +89,62 @@ class DeviceProblem:
         return int(self.problem.f0.shape[1])
 
     def swings(self) -> bool:
-        """Whether a plain sweep can go on forever between two states (a part without data that is bipartite)."""
-        if np.min(self.problem.lam) > 0:  # before the weights come back from the device
+        """Return whether plain sweeps can oscillate between two states (on a bipartite part without data)."""
+        if np.min(self.problem.lam) > 0:  # avoids reading the weights from the device
             return False
         return has_swinging_part(self.problem.graph, self.host_gamma(), self.problem.lam)
 
     def host_gamma(self) -> FloatArray | None:
-        """What says which edges are there: weights or, where they are given, values of gamma."""
+        """Return the weights, or the given values of gamma, on the host; None if all edges have weight 1."""
         if self.weighted.directed:
             assert not isinstance(self.problem.gamma, str)
             return self.problem.gamma
         return self.backend.get_weights(self.weighted)
 
     def scratch(self) -> Array | None:
-        """A function for the conductances, where a sweep needs one."""
+        """Allocate scratch memory for the conductances, if a sweep needs it."""
         if not self.model.has_function:
             return None
         return self.backend.empty(self.weighted.graph, self.model.norms(self.channels))
 
     @property
     def model(self) -> Smoothness:
-        """What a primitive is told of the smoothness: p, eps, coupled, edge."""
+        """The settings of the smoothness for a primitive: p, eps, coupled, edge."""
         return self.problem.smoothness
 
     def conductances(self, f: Array, g: Array | None = None) -> Conductance:
-        """The conductances at a device function; `g` is scratch."""
+        """Compute the conductances at a device function, (n, m); `g` is scratch memory."""
         return self.backend.conductances(self.weighted, f, self.model, g=g)
 
     def put_function(self, f: FloatArray) -> Array:
-        """A host function (n, m) in the problem's variable, on the device."""
+        """Put a host function in the caller's variable, (n, m), on the device."""
         return self.backend.put(self.weighted.graph, f if self.scale is None else f * self.scale)
 
     def get_function(self, f: Array) -> FloatArray:
-        """A device function as the caller's f, (n, m)."""
+        """Read a device function as the caller's f, (n, m)."""
         host = self.backend.get(self.weighted.graph, f)
         return host if self.scale is None else (host / self.scale).astype(host.dtype)
 
     def change(self, a: Array, b: Array) -> float:
-        """Largest absolute difference of two device functions as the caller's f; infinity if there is a NaN."""
+        """Compute the largest difference of two device functions, (n, m), as the caller's f; infinity for a NaN."""
         if self.scale is None:
             return self.backend.max_change(self.weighted.graph, a, b)
-        # The device holds s f. Read back at a check only, and only for these gammas.
+        # the device has s f: read it only at a check, and only for these gammas
         difference = self.get_function(a).astype(np.float64) - self.get_function(b)
         largest = float(np.abs(difference).max())
         return largest if math.isfinite(largest) else math.inf
 
     def energy(self, f: Array) -> float:
-        """The eps-smoothed energy of a device function."""
+        """Compute the eps-smoothed energy of a device function, (n, m)."""
         return self.backend.energy(self.weighted, f, self.f0, self.lam, self.model)
 
     def duality_gap(self, f: Array, y: Array) -> float:
-        """The energy of a device function minus the dual energy of one on the edges, as the device computes it."""
+        """Compute the energy of a device function minus the dual energy of one on the edges, with rounding."""
         return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, self.model)
 
 
 def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:
-    """The fidelity in the device's variable."""
+    """Put the fidelity on the device, in the device's variable; `scale` is (n, 1)."""
     lam = problem.lam
     if scale is not None:
         lam = np.broadcast_to(lam, scale.shape) / scale**2
@@ -152,7 +152,7 @@ def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> fl
 
 
 def _vertex_scale(gamma: Gamma | FloatArray, backend: Backend, weighted: Weighted) -> FloatArray | None:
-    """The factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1); 1 at a vertex without weight. None where there is none."""
+    """Return the factor s(u) of gamma_uv = sqrt(w) s(u), (n, 1), 1 at a vertex without weight; None if not needed."""
     if not isinstance(gamma, str) or gamma == "sqrt":
         return None
     n = weighted.graph.n_vertices

@@ -1,4 +1,4 @@
-"""The problem: what is minimised, checked, and its arrays on a device."""
+"""The variational problem, with checked arguments."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ GAMMAS: tuple[Gamma, ...] = ("sqrt", "combinatorial", "normalized", "degree")
 Norm = Literal["vertex", "edge"]
 NORMS: tuple[Norm, ...] = ("vertex", "edge")
 
-# eps as a share of the data's range, where the caller names none (eq. 15).
+# The default eps, as a share of the data's range (eq. 15).
 RELATIVE_EPS = 1e-3
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
-    """`values` as a float function on the vertices, (n, m), checked for shape and finiteness; a view where it can be.
+    """Check a function on the vertices; return it as floats, (n, m), as a view if possible.
 
-    Outside the mask of a grid anything is allowed; what is not finite there becomes 0.
+    Outside the mask of a grid values need not be finite; those that are not become 0.
     """
     array = unmasked(values, name)
     if array.dtype.kind not in "biuf":
@@ -65,7 +65,7 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
 
 
 def lam_numbers(lam: float | npt.ArrayLike) -> npt.NDArray[Any]:
-    """A fidelity as an array, (), (n,) or a grid's shape, checked to hold numbers."""
+    """Check that a fidelity is a number or numbers; return an array, () or of its shape."""
     array = np.asarray(lam)
     if array.ndim == 0:
         number("lam", array.item(), finite=False)
@@ -75,7 +75,7 @@ def lam_numbers(lam: float | npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
-    """The fidelity as a float64 array after checking it: a number as (), one value per vertex as (n, 1)."""
+    """Check the fidelity; return float64, () for a number, (n, 1) for one value per vertex."""
     array = lam_numbers(lam)
     shape = graph.shape if isinstance(graph, GridGraph) else (graph.n_vertices,)
     if array.shape not in ((), (graph.n_vertices,), shape):
@@ -87,12 +87,12 @@ def as_lam(graph: AnyGraph, lam: float | npt.ArrayLike) -> FloatArray:
 
 
 def uses_degrees(gamma: object) -> bool:
-    """Whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
+    """Return whether a gamma is divided by the degrees of the vertices, in which a loop would count."""
     return isinstance(gamma, str) and gamma in ("normalized", "degree")
 
 
 def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
-    """A checked gamma: its name, or one value per directed edge in the form of ``Backend.put_edges``."""
+    """Check a gamma; return its name, or one value per directed edge in the form of ``Backend.put_edges``."""
     if isinstance(gamma, str):
         return choice("gamma", gamma, GAMMAS)
     array = unmasked(gamma, "gamma")
@@ -110,7 +110,7 @@ def as_gamma(graph: AnyGraph, gamma: str | npt.ArrayLike) -> Gamma | FloatArray:
 
 
 def as_weights(graph: AnyGraph, weights: Weights | npt.ArrayLike | None) -> Weights | FloatArray | None:
-    """Checked weights: a weight function for this graph, or values in the form of ``Backend.prepare``."""
+    """Check weights; return a weight function for this graph, or values in the form of ``Backend.prepare``."""
     if weights is None or isinstance(weights, Weights):
         return None if weights is None else weights.on(graph)
     if np.asarray(weights).dtype.kind not in "biuf":
@@ -125,7 +125,7 @@ def as_weights(graph: AnyGraph, weights: Weights | npt.ArrayLike | None) -> Weig
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """minimise over f: R_eps(f) + 1/2 sum_u lam(u) |f(u) - f0(u)|^2, checked.
+    """The problem of minimising R_eps(f) + 1/2 sum_u lam(u) |f(u) - f0(u)|^2 over f, with checked arguments.
 
     Parameters
     ----------
@@ -134,15 +134,15 @@ class Problem:
     p : float
         Degree of regularity > 0.
     lam : () or (n, 1) float64 array
-        Fidelity >= 0, a number or one value per vertex; infinity at all vertices outside a grid's mask.
+        Fidelity >= 0, a number or one value per vertex; an array is infinite outside a grid's mask.
     weights : Weights, array or None
-        None means the graph's own.
+        None: those of the graph.
     gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array
         A name, or one value per directed edge in the form of ``Backend.put_edges``; then there are no weights.
     norm : {"vertex", "edge"}
         The smoothness of eq. 20, or of eq. 30.
     coupled : bool
-        One gradient norm for all channels, or one each.
+        Whether all channels have one gradient norm, or one each.
     eps : float
         Smoothing of the gradient norm, eq. 15.
     """
@@ -173,9 +173,9 @@ class Problem:
         dtype: np.dtype[Any],
         smoothed: bool = True,
     ) -> Problem:
-        """Check the caller's arguments; ValueError or TypeError says what is wrong.
+        """Check the caller's arguments; a ValueError or TypeError says what is wrong.
 
-        Unless `smoothed`, the solver does without eps, which is then 0 where the caller names none.
+        If not `smoothed`, the solver does not need eps, and its default is 0.
         """
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
@@ -198,7 +198,7 @@ class Problem:
 
     @property
     def smoothness(self) -> Smoothness:
-        """What the backends are told of the model besides the weights."""
+        """The settings of the model for the backends, apart from the weights."""
         return Smoothness(self.p, self.eps, self.coupled, self.norm == "edge")
 
     @property
@@ -208,12 +208,12 @@ class Problem:
 
 
 def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
-    """The rows of a function that belong to vertices inside the mask."""
+    """Return the rows of a function, (n, m), at vertices inside the mask."""
     return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
 
 
 def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
-    """A fidelity per vertex without what it says of vertices outside the mask, which stay as they are."""
+    """Make a fidelity per vertex infinite outside the mask, where values do not change."""
     if lam.ndim == 0 or not isinstance(graph, GridGraph) or graph.mask is None:
         return lam
     return np.where(graph.mask.reshape(-1, 1), lam, np.inf)
@@ -224,11 +224,11 @@ def _spread(f: FloatArray) -> float:
 
 
 def default_eps(f0: FloatArray, p: float) -> float:
-    """Smoothing where the caller names none: 1e-3 of the data's range, or 0 for p = 2, which does not depend on it."""
+    """Return the default smoothing: 1e-3 of the range of the data, (n, m), or 0 for p = 2, which does not use it."""
     if p == 2:
         return 0.0
     spread = _spread(f0)
-    # a constant's own size where there is no range
+    # for constant data use its absolute value instead of the range
     return RELATIVE_EPS * (spread or (abs(float(f0.flat[0])) if f0.size else 0.0) or 1.0)
 
 
@@ -238,7 +238,7 @@ def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any]
     eps = number("eps", eps, low=0)
     if p < 2 and (smoothed or eps > 0):
         limits = np.finfo(dtype)
-        # (g2 + eps^2)^((p - 2)/2) must stay finite where the data is flat, and so must sums of a few thousand of them.
+        # (g2 + eps^2)^((p - 2)/2) must be finite where the data is flat, and so must sums of a few thousand of them
         if eps == 0 or eps**2 < limits.tiny or (p - 2) * math.log(eps) > math.log(float(limits.max)) - 12:
             raise ValueError(
                 f"eps = {eps:g} is too small for p = {p:g} in {dtype}: 1/eps^(2-p) must be finite. Use a larger eps "

@@ -1,4 +1,4 @@
-"""What a run gives back: :class:`Result`, and :class:`Stop`, why it ended."""
+"""The result of a run, :class:`Result`, and why it ended, :class:`Stop`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 
 class Stop(enum.Enum):
-    """Why an iteration ended; each member's value is the sentence to show."""
+    """Why a run ended; the value of each member is a sentence for the user."""
 
     MAX_ITER = "All the iterations asked for were done."
     TOLERANCE = "The largest change in one iteration fell to the tolerance."
@@ -30,31 +30,31 @@ class Stop(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Outcome of a regularization.
+    """The result of a regularization.
 
     Attributes
     ----------
     value : ndarray
         The regularized function, in the shape of the data.
     iterations : int
-        Whole iterations done.
+        Complete iterations done.
     stop : Stop
         Why it ended; ``str(result.stop)`` is a sentence.
     energy : (c,) float array
         The eps-smoothed energy (eq. 19, 20 with eq. 15) at the start and at each check.
     checks : (c,) int array
-        The iterations at which `energy` was taken.
+        The iterations at which `energy` was computed.
     gap : float or None
-        Bound on how far the energy is above its minimum; None unless the solver certifies it.
+        Bound on the energy minus its minimum; None unless the solver computes one.
     error_bound : float or None
-        sqrt(2 gap / min lam), which bounds the distance (sum over all values, in the data's units) from the minimiser;
-        None without a gap.
+        sqrt(2 gap / min lam), a bound on the Euclidean distance over all values from the minimiser, in the data's
+        units; None without a gap.
     eps : float
         The smoothing of the gradient norm that was used (eq. 15), in the data's units.
     method : str
-        What the iterations did, as a sentence: the process, and its damping or its step.
+        Description of the iterations, as a sentence: the process, and its damping or step.
     backend : str
-        The device that ran, as the name that would force it, with its description.
+        The device used, with its name for `backend` and its description.
     seconds : float
         Wall-clock time of the run, weights and transfers included.
     """
@@ -83,7 +83,7 @@ class Result:
         backend: str,
         seconds: float,
     ) -> Result:
-        """Make a result without energies and without a gap, of a run that took none."""
+        """Make a result without energies and gap."""
         return cls(
             value=value,
             iterations=iterations,
@@ -100,12 +100,12 @@ class Result:
 
     @property
     def lower_bound(self) -> float | None:
-        """No function has an energy below this; None without a gap."""
+        """Lower bound on the energy of all functions; None without a gap."""
         return None if self.gap is None else float(self.energy[-1]) - self.gap
 
 
 class Interrupted(KeyboardInterrupt):
-    """A KeyboardInterrupt during a run; ``result`` holds the last whole iterate."""
+    """A KeyboardInterrupt during a run; ``result`` has the last complete iterate."""
 
     def __init__(self, result: Result) -> None:
         super().__init__(str(Stop.INTERRUPTED))

@@ -1,10 +1,9 @@
-"""Operators of sections 2 and 3 of the paper, on any graph and device: :mod:`gpureg.operators.vertices`.
+"""Operators of sections 2 and 3 of the paper, on any graph and device.
 
-Each takes a function on the vertices, (n,), (n, m), or on a grid its shape with or without a last axis of channels, and
-the settings ``weights``, ``gamma``, ``backend`` and ``dtype`` of :func:`gpureg.regularize`; channels share a gradient
-norm unless ``coupled`` is False (section 5.1). ``eps`` smooths the gradient norm (eq. 15) and is 0 unless given.
-``norm`` is that of :func:`gpureg.regularize`. A function on the edges has one value per stored directed edge,
-(n_edges,) or (n_edges, m), in the order of the graph's rows; for a grid, of ``grid.to_graph()``.
+A function on the vertices has the shape (n,), (n, m), or on a grid its shape with or without a last axis of channels. A
+function on the edges has one value per stored directed edge, (n_edges,) or (n_edges, m), in the order of the graph's
+rows; for a grid, of ``grid.to_graph()``. The settings ``weights``, ``gamma``, ``norm``, ``coupled``, ``backend`` and
+``dtype`` are those of :func:`gpureg.regularize`. ``eps`` smooths the gradient norm (eq. 15); the default is 0.
 """
 
 from __future__ import annotations

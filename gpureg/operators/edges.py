@@ -16,7 +16,7 @@ from .on_device import SETTINGS, Settings, bare, put_function
 
 
 def _edge_function(graph: AnyGraph, H: npt.ArrayLike) -> FloatArray:
-    """A function on the edges as (n_edges, m), after checking it."""
+    """Check a function on the edges; return it as (n_edges, m)."""
     array = np.asarray(H)
     if array.dtype.kind not in "biuf":
         raise TypeError(f"H must hold real numbers, got {array.dtype}")
@@ -42,7 +42,7 @@ def difference(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings])
     Returns
     -------
     (n_edges,) or (n_edges, m) array
-        One row per directed edge; (n_edges,) where `f` has no axis of channels.
+        One row per directed edge; (n_edges,) if `f` has no axis of channels.
 
     Raises
     ------
@@ -67,14 +67,14 @@ def difference(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings])
 def edge_derivative(
     f: npt.ArrayLike, graph: GraphLike, edges: npt.ArrayLike, **settings: Unpack[Settings]
 ) -> FloatArray:
-    """Compute the derivative of f at u along the edges (u, v) (eq. 5), the difference d_w(f)(u, v) at these edges.
+    """Compute the derivative of f at u along edges (u, v) (eq. 5), which is d_w(f)(u, v).
 
     Parameters
     ----------
     edges : (k, 2) int array
         Pairs (u, v) of adjacent vertices.
     weights, gamma, backend, dtype
-        As :func:`difference`.
+        As in :func:`difference`.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def edge_derivative(
     Raises
     ------
     ValueError, TypeError
-        A pair that is no edge; otherwise as :func:`difference`.
+        A pair that is not an edge; otherwise as :func:`difference`.
 
     Examples
     --------
@@ -99,21 +99,21 @@ def edge_derivative(
     stored = graph.to_graph() if isinstance(graph, GridGraph) else graph
     u, v = pairs.astype(np.int64).T
     inside = (pairs >= 0).all(axis=1) & (pairs < n).all(axis=1)
-    # rows are sorted: an edge's number u n + v is found by bisection
+    # rows are sorted: search the number u n + v of an edge by bisection
     numbers = stored.edge_rows() * n + stored.indices
     at = np.minimum(np.searchsorted(numbers, u * n + v), max(len(numbers) - 1, 0))
     found = inside & (numbers[at] == u * n + v) if len(numbers) else np.zeros(len(pairs), bool)
     if not found.all():
-        raise ValueError(f"{tuple(pairs[~found][0].tolist())} is no edge of the graph")
+        raise ValueError(f"{tuple(pairs[~found][0].tolist())} is not an edge of the graph")
     derivative: FloatArray = difference(f, graph, **settings)[at]
     return derivative
 
 
 @door(options=SETTINGS)
 def adjoint(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
-    """Compute the adjoint of the difference, of a function on the edges (eq. 7, Proposition 1).
+    """Apply the adjoint of the difference to a function on the edges (eq. 7, Proposition 1).
 
-    With it <d_w f, H> = <f, d_w* H> for every f (eq. 6)::
+    <d_w f, H> = <f, d_w* H> for every f (eq. 6), with::
 
         d_w*(H)(u) = sum_v gamma(u, v) (H(v, u) - H(u, v))
 
@@ -122,7 +122,7 @@ def adjoint(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) ->
     H : (n_edges,) or (n_edges, m) array
         One row per directed edge.
     weights : Weights or array, optional
-        As :func:`gpureg.regularize`; a weight function must not look at data, for there is none here.
+        As in :func:`gpureg.regularize`; a weight function that needs data cannot be used.
 
     Returns
     -------
@@ -151,9 +151,9 @@ def adjoint(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) ->
 
 @door(options=SETTINGS)
 def divergence(H: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Settings]) -> FloatArray:
-    """Compute the divergence of a function on the edges, the opposite of its :func:`adjoint`, whose settings it takes.
+    """Compute the divergence of a function on the edges: :func:`adjoint` with the opposite sign, and its settings.
 
-    It sums to 0 over the vertices where gamma is symmetric (Property 1).
+    Its sum over the vertices is 0 if gamma is symmetric (Property 1).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Energies of a function on the vertices (eq. 19, 20 and 30)."""
+"""Compute energies of a function on the vertices (eq. 19, 20 and 30)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .on_device import SMOOTHED, Smoothed, put_function
 def dirichlet_energy(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack[Smoothed]) -> float:
     """Compute the p-Dirichlet energy of a function (eq. 20, with eps eq. 15).
 
-    The settings are those of :func:`p_laplacian`. With ``norm="edge"`` (eq. 30) the second sum is over the edges whose
-    gamma is not 0::
+    The settings are those of :func:`p_laplacian`. The second formula is that of ``norm="edge"`` (eq. 30), a sum over
+    the edges with gamma > 0::
 
         1/p sum_u |grad_w f(u)|^p
         1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p
@@ -42,9 +42,9 @@ def energy(
     lam: float | npt.ArrayLike,
     **settings: Unpack[Smoothed],
 ) -> float:
-    """Compute the energy of f that :func:`gpureg.regularize` lowers (eq. 19): Dirichlet energy plus fidelity to f0.
+    """Compute the energy of f (eq. 19) that :func:`gpureg.regularize` minimises: Dirichlet energy plus fidelity to f0.
 
-    A weight function is computed from `f0`. Where lam is infinite, f is taken to be f0. The settings are those of
+    Weight functions are computed from `f0`. The fidelity is 0 where lam is infinite. The settings are those of
     :func:`p_laplacian`.
 
     Raises
@@ -61,7 +61,7 @@ def energy(
     """
     graph = as_graph(graph, degrees=uses_degrees(settings.get("gamma")))
     eps = number("eps", settings.get("eps", 0.0), low=0)
-    # The sum, unlike the derivative, needs no eps > 0: any stands in while the arguments are checked.
+    # the energy, unlike its derivative, allows eps = 0: check the arguments with another eps
     on, function = put_function(f, graph, p, {**settings, "eps": eps or 1.0}, lam=lam, f0=f0)
     put = on.put_function(function)
     return on.backend.energy(on.weighted, put, on.f0, on.lam, replace(on.model, eps=eps))

@@ -1,4 +1,4 @@
-"""Arguments of an operator on a device, and the settings that operators share."""
+"""Put the arguments of an operator on a device; the settings of operators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..weights.base import AnyWeights
 
 
 class Settings(TypedDict, total=False):
-    """What every operator takes, as :func:`gpureg.regularize`.
+    """Settings of all operators, as in :func:`gpureg.regularize`.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Settings(TypedDict, total=False):
 
 
 class Channels(Settings, total=False):
-    """What an operator takes whose norm can be one for all channels, or that of an edge.
+    """Settings of operators with a choice of norm.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Channels(Settings, total=False):
 
 
 class Smoothed(Channels, total=False):
-    """What an operator takes whose gradient norm may be smoothed.
+    """Settings of operators with a smoothed gradient norm.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def put_function(
     lam: float | npt.ArrayLike = 0.0,
     f0: npt.ArrayLike | None = None,
 ) -> tuple[DeviceProblem, FloatArray]:
-    """The problem whose data is `f0` (or f itself) on the device, and f as (n, m)."""
+    """Put the problem with data `f0` (by default f) on the device; return it and f as (n, m)."""
     chosen: dict[str, Any] = {**SMOOTHED, **settings}
     chosen["eps"] = number("eps", chosen["eps"], low=0)
     backend, kind = chosen.pop("backend"), computed_type(chosen.pop("dtype"))
@@ -84,5 +84,5 @@ def put_function(
 
 
 def bare(graph: AnyGraph) -> tuple[tuple[int, ...], ...]:
-    """Shapes of a function without an axis of channels."""
+    """Return the allowed shapes of a function without an axis of channels."""
     return ((graph.n_vertices,), graph.shape) if isinstance(graph, GridGraph) else ((graph.n_vertices,),)

@@ -1,4 +1,4 @@
-"""Operators on functions on the vertices (sections 2.3 to 2.6)."""
+"""Apply operators to functions on the vertices (sections 2.3 to 2.6)."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def gradient_norm(
     p : float, default 2
         Exponent > 0 of the norm: (sum_v |d_w(f)(u, v)|^p)^(1/p).
     eps : float, default 0
-        Smoothing: of the whole norm for p = 2 (eq. 15), of every difference, (d^2 + eps^2)^(1/2), otherwise.
+        Smoothing: of the norm for p = 2 (eq. 15), otherwise of every difference, (d^2 + eps^2)^(1/2).
 
     Returns
     -------
     array
-        One number per vertex, in the shape of `f` without its channels, or one per channel if not `coupled`.
+        One number per vertex, in the shape of `f` without channels; with ``coupled=False`` in the shape of `f`.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def gradient_norm(
     powers = {"power": 0.5} if p == 2 else {"power": 1 / float(p), "edge_power": float(p) / 2}
     norm = on.backend.gradient_norm(on.weighted, on.put_function(function), eps=on.eps, coupled=coupled, **powers)
     shape = np.shape(f)
-    # one number per vertex: the axis of the channels goes, where there is one
+    # with one number per vertex, drop the axis of channels, if there is one
     return on.backend.get(graph, norm).reshape(shape if shape in bare(graph) or not coupled else shape[:-1])
 
 
@@ -64,13 +64,13 @@ def gradient_norm(
 def p_laplacian(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack[Smoothed]) -> FloatArray:
     """Compute the weighted p-Laplacian of f at every vertex (eq. 12), in the shape of `f`.
 
-    It is the derivative of the p-Dirichlet energy (Property 2), positive semidefinite: the opposite sign of the
-    Laplacian of PDEs.
+    It is the derivative of the p-Dirichlet energy (Property 2). It is positive semidefinite, with the opposite sign of
+    the Laplacian of PDEs.
 
     Parameters
     ----------
     p : float
-        Degree > 0. For p < 2 an eps > 0 is needed: the gradient may vanish.
+        Degree > 0. p < 2 needs eps > 0, because the gradient may be 0.
     eps : float, default 0
         Smoothing of the gradient norm (eq. 15).
     norm : {"vertex", "edge"}, default "vertex"
@@ -101,10 +101,10 @@ def p_laplacian(f: npt.ArrayLike, graph: GraphLike, p: float, **settings: Unpack
 
 @door(options=SMOOTHED)
 def laplacian(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Smoothed]) -> FloatArray:
-    """Compute the weighted Laplacian, the p-Laplacian of p = 2 (eq. 16); shape and settings are those of it.
+    """Compute the weighted Laplacian, the p-Laplacian for p = 2 (eq. 16), with the same shape and settings.
 
-    With ``gamma="combinatorial"`` it is the matrix D - W of Table I times f, with "normalized" I - D^-1/2 W D^-1/2. The
-    default "sqrt" gives 2 (D - W) f.
+    With ``gamma="combinatorial"`` it is the matrix D - W of Table I times f, with "normalized" I - D^-1/2 W D^-1/2
+    times f. The default "sqrt" gives 2 (D - W) f.
 
     Examples
     --------
@@ -118,8 +118,8 @@ def laplacian(f: npt.ArrayLike, graph: GraphLike, **settings: Unpack[Smoothed]) 
 
 @door(options=CHANNELS)
 def curvature(f: npt.ArrayLike, graph: GraphLike, *, eps: float, **settings: Unpack[Channels]) -> FloatArray:
-    """Compute the weighted curvature, the p-Laplacian of p = 1 (eq. 18); shape and settings are those of it.
+    """Compute the weighted curvature, the p-Laplacian for p = 1 (eq. 18), with the same shape and settings.
 
-    `eps` > 0 is needed: the gradient may vanish.
+    `eps` must be > 0, because the gradient may be 0.
     """
     return p_laplacian(f, graph, 1.0, eps=eps, **settings)

@@ -23,14 +23,14 @@ from ..solvers import Solver
 from ..weights import Weights
 from .normals import nearest
 
-# Points whose regularized places differ by less than this share of the median edge have met.
+# Neighbours whose regularized positions differ by at most this, in median edges, are merged.
 _MET = 0.05
-# The smoothing of the gradient, as a share of the median edge: small against what has met.
+# Smoothing of the gradient norm, in median edges: small compared to _MET.
 _EPS = 0.01
-# Reach of the weights, in median distances to the seventh nearest point.
+# Scale of the weights, in median distances to the seventh nearest point.
 _REACH, _NEIGHBOUR = 2.0, 7
-# Clusters are split where the mean weight falls by such a factor from one join to the next; more than the second
-# factor counts as much as it.
+# Joining stops where the mean weight falls by at least the first factor from one join to the next; factors above the
+# second count as the second.
 _GAP, _WIDEST = 3.0, 100.0
 
 
@@ -51,52 +51,51 @@ def cluster_points(
     tol: float | None = None,
     **options: Unpack[Run],
 ) -> Labels:
-    """Cluster points: those that meet for p < 1 are one piece, and pieces are joined where they hang together most.
+    """Cluster points: merge them into pieces with p < 1, then join the pieces with the largest mean weight.
 
     Parameters
     ----------
     points : (n, d) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
-        Of any number of coordinates, which should be of one unit; two on the same place are in one cluster.
+        Points in any dimension, with the same unit for all coordinates; equal points are in one cluster.
     n_clusters : int, optional
-        How many clusters of at least min_size. None: where the joins show the widest gap, and 1 if there is none, see
-        Notes.
+        Number of clusters of at least min_size points. None: determined by the widest gap between the mean weights of
+        the joins; 1 if there is no gap. See Notes.
     k : int, default 10
         Neighbours that each point chooses.
     p : float, default 0.1
-        Degree of regularity; 1 and above make no points meet.
+        Degree of regularity; with 1 and above no points are merged.
     lam : float, default 0.1
-        Fidelity > 0, where the median edge is the unit of length: larger leaves more and smaller pieces.
+        Fidelity > 0, with the median edge as the unit of length: larger values leave more and smaller pieces.
     weights : Weights or array, optional
-        None: exp(-d^2 / s^2) of the length d of an edge, s twice the median distance to the seventh nearest point.
+        None: exp(-d^2 / s^2) for an edge of length d, s twice the median distance to the seventh nearest point.
     min_size : int, optional
-        Smaller clusters, outliers most often, are joined to others and do not count. None: 1 percent of the points, at
-        least k; where n_clusters of this size cannot be had, it is halved until they can.
+        Smaller clusters, usually outliers, are joined to others. None: 1 percent of the points, at least k; if there
+        are not n_clusters of this size, it is halved until there are.
     norm, eps, solver, max_iter, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`; eps in units of the median edge, None: 0.01.
 
     Returns
     -------
     (n,) int32 array
-        The cluster of each point, from 0, in the order of their first points.
+        The cluster of each point, numbered from 0 in the order of their first points.
 
     Raises
     ------
     TypeError, ValueError
-        What is no cloud of points, arguments out of their ranges, more clusters than there are pieces, or than there
-        are of a min_size that is given.
+        Not a point cloud; arguments out of range; more clusters than pieces, or than clusters of the given min_size.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    The coordinates, over the median edge, are regularized on the graph of neighbours; points that are then less than
-    0.05 apart along an edge have met. Of two pieces A and B the mean weight is w(A, B)/(|A| |B|), the sum of the
-    weights between them over the pairs of points: the two for which it is largest are joined, again and again. It is
-    the resolution at which the constant Potts model (Traag, Van Dooren and Nesterov, Phys. Rev. E 84, 2011), the limit
-    p = 0 of eq. (30) with a price on each pair within a cluster, joins two clusters. Pieces between which there is no
-    edge are joined last, the nearest first. With n_clusters=None the joins of clusters of at least min_size count: the
-    widest relative gap between their mean weights, if it is 3 or more, says where to stop. With a number it is the last
-    place at which as many are of that size. What is then smaller goes to the nearest cluster that is not.
+    The coordinates, divided by the median edge, are regularized on the graph of neighbours; points at most 0.05 apart
+    along an edge are merged. The mean weight of two pieces A and B is w(A, B)/(|A| |B|), the sum of the weights between
+    them divided by the number of pairs of points; the two pieces with the largest mean weight are joined, repeatedly.
+    The mean weight is the resolution at which the constant Potts model (Traag, Van Dooren and Nesterov, Phys. Rev. E
+    84, 2011), the limit p = 0 of eq. (30) with a cost for each pair within a cluster, joins two clusters. Pieces
+    without an edge between them are joined last, the nearest first. With n_clusters=None the joins stop at the widest
+    relative gap between the mean weights of joins of clusters of at least min_size, if it is 3 or more. With a number,
+    they stop at the last state with this number of such clusters. Smaller clusters are then joined to the nearest one.
 
     Measured with n_clusters given (adjusted Rand index; spectral clustering, HDBSCAN of 15): labirynth 0.72 (0.72,
     0.51), circles 1 (0.74, 1), mk4 1 (0.61, 0.49), two moons in 100 dimensions 0.88 (0.51, 0).
@@ -121,8 +120,8 @@ def cluster_points(
     w = near_weights(x, lengths, u, v) if weights is None else edge_weights(weights, graph, x)
     start = whole((x - x.mean(axis=0)) / unit, graph, w)
     [pieces] = coarser(
-        start, [lam], p=p, met_at=_MET, norm=norm, eps=_EPS if eps is None else eps, solver=solver, max_iter=max_iter,
-        tol=tol, **options,
+        start, [lam], p=p, merge_tol=_MET, norm=norm, eps=_EPS if eps is None else eps, solver=solver,
+        max_iter=max_iter, tol=tol, **options,
     )  # fmt: skip
     if n_clusters is not None and n_clusters > pieces.n_pieces:
         raise ValueError(
@@ -134,28 +133,22 @@ def cluster_points(
     if n_clusters is None:
         stop = _widest_gap(joins, least)
     else:
-        # with 1 every piece counts, so that there is an end
+        # this ends: with least = 1 every piece counts
         while (cut := _with_count(joins, pieces.sizes, n_clusters, least)) is None and min_size is None:
             least //= 2
-        # where edges join no such clusters, what is nearest may
+        # where edges cannot give this number of clusters, the nearest ones are joined below
         stop = len(joins) if cut is None else cut
     part = _joined(pieces, x, joins[:stop], n_clusters, least)
     if n_clusters is not None and part.max() + 1 < n_clusters:
         raise ValueError(
-            f"there are no {n_clusters} clusters of {min_size} points and more: a smaller min_size counts more of "
-            f"them, None takes what can be had"
+            f"there are no {n_clusters} clusters of {min_size} points and more: use a smaller min_size, or None, which "
+            f"finds a size that works"
         )
     return pieces.joined(part).labels
 
 
 def edge_weights(weights: Weights | npt.ArrayLike, graph: Graph, f0: FloatArray) -> FloatArray:
-    """Compute weights of any kind as one number per directed edge, (n_edges,).
-
-    Raises
-    ------
-    TypeError, ValueError
-        What is no weight function nor one number >= 0 for each edge.
-    """
+    """Compute weights of any kind as one number >= 0 per directed edge, (n_edges,); `f0` is (n, d)."""
     if isinstance(weights, Weights):
         oracle = backends.get("numpy", np.float64)
         found = oracle.get_weights(weights.prepare(oracle, graph, f0))
@@ -167,16 +160,19 @@ def edge_weights(weights: Weights | npt.ArrayLike, graph: Graph, f0: FloatArray)
 
 
 def near_weights(x: FloatArray, lengths: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
-    """exp(-d^2 / s^2), s twice the median distance to the seventh nearest point."""
+    """Compute exp(-d^2 / s^2) for the lengths d, (n_edges,); s is twice the median distance to the 7th nearest point.
+
+    The edges join the points x[u] and x[v]; `x` is (n, d).
+    """
     far = nearest(x, _NEIGHBOUR)[:, -1]
     s = _REACH * float(np.median(np.linalg.norm(x - x[far], axis=1)))
     near: FloatArray = np.exp(-((lengths / s) ** 2)) if s > 0 else (lengths == 0).astype(np.float64)
-    # 0 would be no edge
+    # a weight of 0 would remove the edge
     return np.maximum(near, np.finfo(np.float32).tiny)
 
 
 def _joined(pieces: Pieces, x: FloatArray, joins: list[_Join], n_clusters: int | None, least: int) -> IntArray:
-    """The cluster of each piece after these joins: what is too small, or beyond the number, is with what is nearest."""
+    """Return the cluster of each piece after these joins, (k,); join small or extra clusters to the nearest one."""
     part = _with_large(_after(pieces.n_pieces, joins), pieces, x, least)
     sizes = np.bincount(part, pieces.sizes)
     while len(sizes) > 1 and (sizes.min() < least or (n_clusters is not None and len(sizes) > n_clusters)):
@@ -186,7 +182,7 @@ def _joined(pieces: Pieces, x: FloatArray, joins: list[_Join], n_clusters: int |
 
 
 class _Join(NamedTuple):
-    """Two clusters that become one; each is named by the number of a piece in it."""
+    """A join of two clusters, each given by one of its pieces: its mean weight, and the sizes of the clusters."""
 
     mean: float
     a: int
@@ -196,10 +192,10 @@ class _Join(NamedTuple):
 
 
 def _joins(pieces: Pieces) -> list[_Join]:
-    """The pairs of clusters with the largest mean weight between them, until there is no edge between any."""
+    """List the joins, always of the two clusters with the largest mean weight, until no edge joins two clusters."""
     graph = pieces.graph
     sizes = pieces.sizes.tolist()
-    # dictionaries of neighbours, because two rows of a sparse matrix would have to be added at every join
+    # dictionaries of neighbours: a sparse matrix would need a sum of two rows at every join
     rows: list[dict[int, float]] = [
         dict(zip(graph.indices[a:b].tolist(), graph.weights[a:b].tolist(), strict=True))  # type: ignore[index]
         for a, b in itertools.pairwise(graph.indptr.tolist())
@@ -208,7 +204,7 @@ def _joins(pieces: Pieces) -> list[_Join]:
     heapq.heapify(heap)
     alive = [True] * len(rows)
     done: list[_Join] = []
-    # a cluster's number is never used again: each join makes a new one, so that what the heap holds of old ones is void
+    # each join makes a cluster with a new number, so that heap entries of the old ones can be skipped
     first = list(range(len(rows)))
     while heap:
         mean, u, v = heapq.heappop(heap)
@@ -235,9 +231,9 @@ def _joins(pieces: Pieces) -> list[_Join]:
 
 
 def _widest_gap(joins: list[_Join], least: float) -> int:
-    """How many of the joins are within clusters: those before the widest gap, all if there is none."""
+    """Return the number of joins before the widest gap between joins of clusters of at least `least`; all if none."""
     large = [i for i, join in enumerate(joins) if join.smaller >= least]
-    # a join may be of a larger mean than one before it: what counts is the least so far
+    # a join can have a larger mean than an earlier one: use the least so far
     means = np.minimum.accumulate([joins[i].mean for i in large]) if large else np.zeros(0)
     if len(means) < 2:
         return len(joins)
@@ -247,22 +243,22 @@ def _widest_gap(joins: list[_Join], least: float) -> int:
 
 
 def _with_count(joins: list[_Join], sizes: FloatArray, count: int, least: float) -> int | None:
-    """After how many joins, the most there can be, `count` clusters are of at least a size; None if never.
+    """Return the largest number of joins after which `count` clusters have at least `least` points; None if never.
 
-    All of the joins where even then there are more: what no edge joins is left for :func:`_joined`.
+    If all joins leave more than `count`, return their number: :func:`_joined` joins the rest. `sizes` is (k,).
     """
     small, large = (np.array([getattr(join, name) for join in joins]) for name in ("smaller", "larger"))
     change = (small + large >= least).astype(int) - (small >= least) - (large >= least)
     counts = int((sizes >= least).sum()) + np.concatenate([[0], np.cumsum(change)])
     if counts[-1] >= count:
         return len(joins)
-    # a join changes the count by one at most: where it has passed `count`, it has met it
+    # a join changes the count by at most one, so that it cannot skip a number
     met = np.flatnonzero(counts == count)
     return int(met[-1]) if len(met) else None
 
 
 def _after(m: int, joins: list[_Join]) -> IntArray:
-    """The cluster of each of m pieces after some joins."""
+    """Return the cluster of each of m pieces after some joins, (m,)."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
@@ -273,7 +269,7 @@ def _after(m: int, joins: list[_Join]) -> IntArray:
 
 
 def _with_large(part: IntArray, pieces: Pieces, x: FloatArray, least: int) -> IntArray:
-    """Each cluster of fewer points than `least` joined to the one of more that is nearest, if there is any."""
+    """Join each cluster of fewer than `least` points to the nearest larger one, if there is one; `part` is (k,)."""
     from scipy.spatial import cKDTree
 
     large = np.bincount(part, pieces.sizes) >= least
@@ -283,7 +279,7 @@ def _with_large(part: IntArray, pieces: Pieces, x: FloatArray, least: int) -> In
     inside = large[of_points]
     owner = of_points[inside]
     distance, found = cKDTree(x[inside]).query(x[~inside], workers=-1)
-    # of a cluster's points the nearest decides, the first of those as near
+    # the nearest point of a cluster decides; the first one if several are equally near
     order = np.lexsort((np.asarray(distance), of_points[~inside]))
     which, first = np.unique(of_points[~inside][order], return_index=True)
     new = np.arange(len(large))
@@ -292,7 +288,7 @@ def _with_large(part: IntArray, pieces: Pieces, x: FloatArray, least: int) -> In
 
 
 def _with_nearest(part: IntArray, one: int, of_points: IntArray, x: FloatArray) -> IntArray:
-    """A cluster joined to the one that a point nearest to one of its own is in."""
+    """Join cluster `one` to the cluster of the point nearest to it; `part` is (k,), `of_points` (n,)."""
     from scipy.spatial import cKDTree
 
     inside = of_points == one

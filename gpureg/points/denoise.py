@@ -36,13 +36,7 @@ def denoised(
     max_displacement: float | None = None,
     **options: Unpack[Model],
 ) -> PointDenoising:
-    """Denoise points, and say all that there is to say about it: the work of :func:`denoise_points`.
-
-    Raises
-    ------
-    TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`denoise_points`.
-    """
+    """Denoise points and return a full report; the parameters and errors are those of :func:`denoise_points`."""
     begin = time.perf_counter()
     cloud = cloud_of(points)
     x = cloud.points
@@ -56,11 +50,11 @@ def denoised(
     if update_neighbours is not None:
         integer("update_neighbours", update_neighbours, low=1)
         if isinstance(weights, np.ndarray | list):
-            raise ValueError("weights as an array are those of one graph: leave update_neighbours, or give a function")
+            raise ValueError("weights as an array are for one graph: leave out update_neighbours, or give a function")
     pinned = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
     fidelity = None if lam is None else checked_fidelity(lam, n, "point")
     pinned |= np.isinf(0.0 if fidelity is None else fidelity)
-    # far from the origin single precision has too few digits for details
+    # float32 has too few digits for details far from the origin
     task = Task(
         cloud,
         x - x.mean(axis=0),
@@ -94,62 +88,63 @@ def denoised(
 @door(options=MODEL)
 @part_of(denoised)
 def denoise_points(found: PointDenoising) -> Any:
-    """Denoise the points of a cloud, or values at them; called with nothing else it estimates the noise.
+    """Denoise the points of a cloud, or values at them; without parameters it estimates the noise.
 
     Parameters
     ----------
     points : (n, d) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
-        Points of a curve in the plane or a surface in space, for filter="normals"; of anything for "positions" and
-        values. No two axes are told apart: scale those of different units first.
+        Points of a curve in the plane or a surface in space for filter="normals"; any points for "positions" and
+        values. All axes count alike: scale axes with different units first.
     values : (n,) or (n, m) array, optional
-        A function on the points, such as colours: it is regularized instead of them, and returned.
+        A function on the points, such as colours, to regularize and return instead of the points.
     filter : {"normals", "positions"}, optional
-        "normals" regularizes the normals of the neighbourhoods and moves the points to fit them: it keeps creases, and
-        points do not gather. "positions" regularizes the points themselves. None: "normals" for d of 2 and 3.
+        "normals" regularizes the normals of the neighbourhoods and moves the points to fit them: it preserves creases,
+        and points do not gather. "positions" regularizes the points. None: "normals" if d is 2 or 3, else "positions".
     k : int, optional
         Neighbours that each point chooses (:func:`gpureg.knn_graph`). None: 8.
     update_neighbours : int, optional
-        Find the neighbours again, of the points where they are by then, every so many iterations of "positions" or of
-        the 5 steps that fit points to normals. None: those of the points that came in.
+        Search the neighbours of the moved points again each time after this number of iterations of "positions", or of
+        the 5 steps that fit points to normals. None: the neighbours of the input.
     p : float, optional
         Degree of regularity > 0. None: 1 for normals and values, 2 for positions.
     lam : float or (n,) array, optional
-        Fidelity >= 0, a number or one per point; larger stays closer, infinity pins. None: from the noise, see Notes.
+        Fidelity >= 0, a number or one per point. Larger values stay closer to the data; infinity pins. None: computed
+        from the noise, see Notes.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights` on the graph of neighbours, or a number for each of its directed edges. None:
-        1; for normals 1 in a first round, then exp(-|N(u) - N(v)|^2 / 0.35^2) of the N = n n^T of the round before, in
-        two more.
+        An object of :mod:`gpureg.weights` on the graph of neighbours, or one value per directed edge. None: 1; for
+        normals 1 in the first round, then exp(-|N(u) - N(v)|^2 / 0.35^2) with N = n n^T of the previous round in two
+        more rounds.
     sigma : float, optional
-        Deviation of the noise in the units of the coordinates, along the normals; of `values`, in theirs. None
-        estimates it (:func:`estimate_point_noise`; of other than 2 or 3 coordinates as that of values on the graph).
+        Standard deviation of the noise: along the normals, in the units of the coordinates; with `values`, in their
+        units. None: estimated (:func:`estimate_point_noise`; if d is not 2 or 3, like that of values on the graph).
     max_iter : int, optional
-        Iterations at most. None: 30 in each round of normals, 100 otherwise.
+        Maximal number of iterations. None: 30 in each round of normals, 100 otherwise.
     fixed : (n,) bool array, optional
-        Points that keep their place (or value).
+        Points whose position (or value) does not change.
     max_displacement : float, optional
-        No point moves further than this. None: 3 sigma for normals, no bound for positions.
+        Maximal displacement of a point. None: 3 sigma for normals, no bound for positions.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
     Returns
     -------
-    points of the kind that came in, in their order; with `values` an array of their shape
+    points of the type of the input, in their order; with `values` an array of their shape
 
     Raises
     ------
     TypeError, ValueError
-        What is no cloud of points, arguments out of their ranges or that do not fit together.
+        Not a point cloud; arguments out of range or in conflict.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize`; of normals that of N(u) = n(u) n(u)^T, which does not ask for a
-    side, with n from the principal components of 9 to 25 points, the more the larger the noise. Where lam is None it
-    is for normals 0.5 / a^2, a the median distance of neighbouring N over sqrt(2) or, if less, what sigma explains of
-    it; for positions 2^(p - 2) 4 s^(p - 1) / sigma, s the median distance to the nearest point; for values
-    1.1 sqrt(degree / m) / sigma at p = 1. Points are fitted to normals by five steps of Lu, Schaefer, Luo, Ma and He
-    (IEEE TVCG 28(8), 2022).
+    Minimises the energy of :func:`gpureg.regularize`. For normals the function is N(u) = n(u) n(u)^T, which needs no
+    orientation; n comes from the principal components of 9 to 25 points, more for larger noise. The default lam is
+    0.5 / a^2 for normals, with a the median distance of neighbouring N over sqrt(2), or the part of it that sigma
+    explains, if that is less; 2^(p - 2) 4 s^(p - 1) / sigma for positions, with s the median distance to the nearest
+    point; 1.1 sqrt(degree / m) / sigma for values at p = 1. Points are fitted to normals by five steps of Lu, Schaefer,
+    Luo, Ma and He (IEEE TVCG 28(8), 2022).
 
     Examples
     --------
@@ -166,7 +161,7 @@ def denoise_points(found: PointDenoising) -> Any:
 
 @door
 def estimate_point_noise(points: Any) -> float:
-    """Estimate the deviation of the noise of points of a curve or a surface, along the normals, in their units.
+    """Estimate the standard deviation of the noise of points of a curve or a surface, along the normals.
 
     Parameters
     ----------
@@ -175,13 +170,13 @@ def estimate_point_noise(points: Any) -> float:
     Raises
     ------
     TypeError, ValueError
-        What is no cloud of points of the plane or of space.
+        Not a point cloud in the plane or in space.
 
     Notes
     -----
-    The median of what is left of each point's 17 nearest, itself among them, by the parabola or paraboloid that fits
-    them best. Measured on four surfaces in space, in units of the distance to the nearest point: 0.11 to 0.13 for 0.1,
-    0.26 to 0.29 for 0.25, 0.49 to 0.51 for 0.5, up to 0.05 without noise, where it is the shape that is left.
+    The median residual of the parabola or paraboloid that fits each point and its 16 nearest neighbours best. Measured
+    on four surfaces in space, in units of the distance to the nearest point: 0.11 to 0.13 for 0.1, 0.26 to 0.29 for
+    0.25, 0.49 to 0.51 for 0.5, and up to 0.05 without noise, where the residual comes from the shape.
 
     Examples
     --------
@@ -192,7 +187,7 @@ def estimate_point_noise(points: Any) -> float:
     """
     found = cloud_of(points).points
     if found.shape[1] not in (2, 3):
-        raise ValueError(f"normals are those of points of the plane or of space, got {found.shape[1]} coordinates")
+        raise ValueError(f"normals need points in the plane or in space, got {found.shape[1]} coordinates")
     return noise_along_normals(found)
 
 
@@ -201,7 +196,7 @@ def _chosen(filter: Any, d: int, values: bool) -> PointFilter:
         return "normals" if d in (2, 3) else "positions"
     word = choice("filter", filter, POINT_FILTERS)
     if values:
-        raise ValueError("filter says how points move; values stay where they are: leave it out")
+        raise ValueError("filter is for points that move; values stay where they are: leave it out")
     if word == "normals" and d not in (2, 3):
-        raise ValueError(f'filter="normals" is for points of the plane or of space, got {d} coordinates: "positions"')
+        raise ValueError(f'filter="normals" is for 2 or 3 coordinates, got {d} coordinates: use "positions"')
     return word

@@ -21,19 +21,19 @@ from ..files.table import encode_table, read_table
 
 POINT_FORMATS = (".ply", ".xyz", ".csv", ".csv.gz", ".npz")
 
-# Columns that are a class, not a coordinate, where a header does not name the coordinates x, y, z.
+# Columns that are a class and not a coordinate, if the header does not name coordinates x, y, z.
 _CLASSES = ("label", "labels", "class", "cluster", "target")
 _PLY_TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"}
 _PLY_TYPES |= {"f4": "float", "f8": "double"}
 
 
 class PointsError(PictureError):
-    """A cloud of points that cannot be read or written; the message says which and why."""
+    """A point cloud cannot be read or written; the message gives the file and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointsFile:
-    """What :func:`read_points` found in a file.
+    """The contents of a file of points, from :func:`read_points`.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class PointsFile:
     dtype : numpy.dtype
         The type of the coordinates in the file: float32 or float64, the latter for text.
     columns : dict
-        What else the file says of each point, (n,) or (n, m) arrays by name: colours, labels, intensities.
+        The other data of the points by name, (n,) or (n, m) arrays: colours, labels, intensities.
     faces : (F, 3) array or None
         The triangles of a PLY file that is a mesh.
     names : tuple of str or None
-        What the coordinates are called there; None where they have no names.
+        The names of the coordinates in the file; None if they have no names.
     delimiter : str
-        What stands between numbers in text.
+        The delimiter between numbers in text.
     """
 
     points: FloatArray
@@ -59,13 +59,7 @@ class PointsFile:
 
 
 def point_format(path: str | os.PathLike[str]) -> str:
-    """Return the extension of a file of points.
-
-    Raises
-    ------
-    PointsError
-        An unknown one.
-    """
+    """Return the extension of a file of points; raise PointsError if it is unknown."""
     name = Path(path).name.lower()
     found = [kind for kind in POINT_FORMATS if name.endswith(kind) and len(name) > len(kind)]
     if not found:
@@ -75,7 +69,7 @@ def point_format(path: str | os.PathLike[str]) -> str:
 
 @door
 def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None = None) -> PointsFile:
-    """Read points, in the order of the file, with what else it says of each.
+    """Read points and their other data, in the order of the file.
 
     Parameters
     ----------
@@ -83,13 +77,13 @@ def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None
         .ply, .xyz (text, three coordinates first), .csv, .csv.gz, or .npz (an array ``points``, or the only one with
         two axes).
     columns : tuple of str, optional
-        In text with a header, the columns that are coordinates. None: x, y and z where there are such, else all but one
-        that is called label, class, cluster or target.
+        Names of the columns that are coordinates, for text with a header. None: x, y and z if present, otherwise all
+        columns except those called label, labels, class, cluster or target.
 
     Raises
     ------
     PointsError
-        A file that is missing, may not be read, is truncated or none of these kinds; columns that are not there.
+        The file is missing, cannot be read, is truncated or has another format; a column does not exist.
     """
     kind = point_format(path)
     if columns is not None and kind not in (".csv", ".csv.gz", ".xyz"):
@@ -182,7 +176,7 @@ def _of_ply(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> Po
         points = np.stack([values.pop(axis) for axis in "xyz"], axis=1)
     except MemoryError:
         raise
-    except Exception as error:  # its parser raises whatever it stumbles over
+    except Exception as error:  # the parser of trimesh raises many types of errors
         raise PointsError(f"{path} is damaged, truncated or no PLY file with points x, y, z") from error
     if len(points) != count or not count:
         raise PointsError(f"{path} is truncated or empty: it announces {count} points, and has {len(points)}")
@@ -205,25 +199,25 @@ def write_points(
     *,
     like: PointsFile | None = None,
 ) -> None:
-    """Write points, and what there is to say of each, in the format that the extension names; whole or not at all.
+    """Write points and their other data in the format of the extension, completely or not at all.
 
     Parameters
     ----------
     path : path
-        One that ends in .ply, .xyz, .csv, .csv.gz or .npz. A file that is there is replaced when the new one is
+        A name that ends in .ply, .xyz, .csv, .csv.gz or .npz. An existing file is replaced when the new one is
         complete.
     points : (n, d) array
         PLY and XYZ need three coordinates.
     columns : mapping of str to (n,) arrays, optional
-        Numbers at the points. NPZ takes arrays of any number of axes.
+        Numbers at the points. NPZ takes arrays with any number of axes.
     like : PointsFile, optional
-        Where the points came from: its type of coordinates (PLY, NPZ), its header and its delimiter (text).
+        The source of the points: its type of coordinates (PLY, NPZ), header and delimiter (text) are used.
 
     Raises
     ------
     PointsError, PictureError
-        An unknown extension, points or columns that the format cannot hold, a folder that does not exist, a disk that
-        refuses.
+        An unknown extension; points or columns that the format does not support; a folder that does not exist; an error
+        of the disk.
 
     Examples
     --------
@@ -247,13 +241,7 @@ def encode_points(
     *,
     like: PointsFile | None = None,
 ) -> bytes:
-    """Encode points as :func:`write_points` writes them to a file of that name.
-
-    Raises
-    ------
-    PointsError
-        As there, but for the disk.
-    """
+    """Encode points as :func:`write_points` writes them to a file of that name, with the same errors."""
     kind = point_format(path)
     x = np.asarray(points)
     if x.ndim != 2 or x.dtype.kind not in "biuf":
@@ -264,7 +252,7 @@ def encode_points(
         if values.shape[:1] != (len(x),):
             raise PointsError(f"the column {name!r} must have {len(x)} rows, one per point, got {values.shape}")
         if kind != ".npz" and (values.ndim != 1 or values.dtype.kind not in "biuf"):
-            raise PointsError(f"a {kind} file holds one number per point and column, {name!r} has {values.shape}")
+            raise PointsError(f"a {kind} file has one number per point and column, {name!r} has shape {values.shape}")
     if like is not None:
         x = x.astype(like.dtype)
     if kind == ".npz":
@@ -274,9 +262,7 @@ def encode_points(
         np.savez_compressed(file, **arrays)
         return file.getvalue()
     if kind in (".ply", ".xyz") and x.shape[1] != 3:
-        raise PointsError(
-            f"a {kind} file holds points with three coordinates, these have {x.shape[1]}: take .csv or .npz"
-        )
+        raise PointsError(f"a {kind} file needs points with three coordinates, got {x.shape[1]}: use .csv or .npz")
     if kind == ".ply":
         return _ply(x, told, None if like is None else like.faces)
     return _text(kind, x, told, like)
@@ -293,7 +279,7 @@ def _text(kind: str, x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], lik
     if kind == ".csv.gz":
         import gzip
 
-        # without a time, so that the same points are the same bytes
+        # no time stamp, so that equal points give equal bytes
         return gzip.compress(encoded, mtime=0)
     return encoded
 

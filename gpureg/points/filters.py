@@ -1,4 +1,4 @@
-"""What denoising a point cloud does to its positions, or to values on them."""
+"""Filters that denoise the positions of a point cloud, or values on them."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ POINT_FILTERS: tuple[PointFilter, ...] = get_args(PointFilter)
 
 # Neighbours in the graph.
 NEIGHBOURS = 8
-# Rounds in which projectors are regularized, and their iterations.
+# Rounds in which projectors are regularized, and iterations per round.
 _ROUNDS, _ITERATIONS = 3, 30
-# Reach of the weights between projectors, a distance of matrices: 14 degrees.
+# Scale of the weights between projectors, a distance of matrices: 14 degrees.
 _REACH = 0.35
-# Steps that fit the points to their normals: more make noisy planes flatter, and curved surfaces worse.
+# Steps that fit the points to their normals: more steps make noisy planes flatter and curved surfaces worse.
 _FIT = 5
-# Noise of Gauss moves no point further than so many deviations.
+# Default bound on the displacement, in standard deviations of the noise.
 MOST_MOVED = 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointDenoising(Denoised[float]):
-    """What denoising a cloud of points did: see :class:`Denoised`.
+    """The result of denoising a point cloud: see :class:`Denoised`.
 
     Attributes
     ----------
     filter : {"normals", "positions", "values"}
     cloud : Cloud
-        The points that came in.
+        The input points.
     k : int
         Neighbours that each point chose in the graph.
     spacing : float
-        Median distance from a point to the nearest other one, before.
+        Median distance from a point to its nearest neighbour in the input.
     normals : (n, d) float array or None
-        The regularized unit normals, either way round, where those were what was regularized.
+        The regularized unit normals, of either orientation; None with another filter.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {
@@ -68,7 +68,7 @@ class PointDenoising(Denoised[float]):
 
     @property
     def points(self) -> FloatArray:
-        """Where the points are now, (n, d)."""
+        """Positions of the points after denoising, (n, d)."""
         return self.value if self.moves else self.cloud.points
 
     def _parameters(self) -> str:
@@ -77,16 +77,16 @@ class PointDenoising(Denoised[float]):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Points around their mean, and what was asked for.
+    """Centred points, and the settings of the filter.
 
     Attributes
     ----------
     cloud : Cloud
-        The points that came in.
+        The input points.
     points : (n, d) float array
-        The same, around their mean.
+        The same points, centred.
     pinned : (n,) bool array
-        Points that keep their place or value.
+        Points whose position or value does not change.
     k : int
     update_neighbours : int or None
     lam : float, (n,) array or None
@@ -94,7 +94,7 @@ class Task:
     weights : Weights, array or None
     max_iter : int or None
     options : Model
-        What else :func:`gpureg.regularize` is told.
+        Other settings of :func:`gpureg.regularize`.
     """
 
     cloud: Cloud
@@ -123,7 +123,7 @@ class Task:
         return self._found(f, "values", results, sigma=sigma, p=p, lam=lam)
 
     def moved(self, filter: PointFilter) -> PointDenoising:
-        """Regularize the points, by themselves or by the normals of their neighbourhoods."""
+        """Regularize the points, or the normals of their neighbourhoods and then fit the points to them."""
         x, sigma = self.points, self.sigma
         if sigma is None and len(x) > 2:
             sigma = noise_along_normals(x) if x.shape[1] in (2, 3) else noise_on_graph(x, knn_graph(x, self.k))
@@ -173,7 +173,7 @@ class Task:
         lam = self.lam
         if lam is None:
             apart = float(np.median(np.linalg.norm(f0[u] - f0[v], axis=1))) / math.sqrt(2) if len(u) else 0.0
-            # where there is hardly any noise it is the shape that makes normals differ
+            # with little noise the normals differ because of the shape
             noise = min(apart, tilt(found.extent, sigma, around))
             lam = fidelity_to_normals(noise)
         if _is_infinite(lam):
@@ -209,15 +209,15 @@ class Task:
 
 
 def _is_infinite(lam: float | FloatArray) -> bool:
-    """Whether the fidelity pins everything."""
+    """Return whether the fidelity pins everything."""
     return isinstance(lam, float) and math.isinf(lam)
 
 
 def _around(sigma: float, spacing: float, k: int) -> int:
-    """Neighbours through whom a point's plane is fitted: 8 to 24, more where noise is larger.
+    """Return the number of neighbours for the plane of a point: 8 to 24, more for larger noise.
 
-    Measured on two surfaces (bunny, fandisk) with noise of 0.1 to 0.8 spacings: the least errors are at 8, 8, 16-24 and
-    24 neighbours for 0.1, 0.25, 0.5 and 0.8.
+    Measured on two surfaces (bunny, fandisk): with noise of 0.1, 0.25, 0.5 and 0.8 spacings the errors are least with
+    8, 8, 16-24 and 24 neighbours.
     """
     share = sigma / spacing if spacing > 0 else 1.0
     return int(max(k, np.clip(round(8 + 30 * (share - 0.25)), 8, 24)))

@@ -1,6 +1,7 @@
-"""Normals of point clouds as a function on the graph of neighbours, without a side: noise, estimates, fitted points.
+"""Normals of point clouds: estimates, noise, and points fitted to normals.
 
-A point knows its normal n, but not which of n and -n: what is regularized is the projector n n^T, the same for both.
+The orientation of a normal n is not known: the function that is regularized is the projector n n^T, the same for n and
+-n.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import numpy as np
 from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
 
-# Points treated at a time, whose neighbourhoods are some 100 MB.
+# Points per block; the neighbourhoods of a block take about 100 MB.
 _PIECE = 1 << 16
-# Neighbours by whose paraboloids the noise is estimated.
+# Neighbours for the paraboloids that estimate the noise.
 _PARABOLOID = 16
 
 
@@ -34,7 +35,7 @@ class Planes(NamedTuple):
 
 
 def nearest(points: FloatArray, k: int) -> IntArray:
-    """Find each point itself and the `k` nearest others, (n, k + 1); fewer where there are fewer."""
+    """Find each point and its `k` nearest neighbours, (n, k + 1); fewer columns if there are fewer points."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(points).query(points, min(k, len(points) - 1) + 1, workers=-1)[1]
@@ -43,7 +44,7 @@ def nearest(points: FloatArray, k: int) -> IntArray:
 
 
 def spacing_of(points: FloatArray) -> float:
-    """Compute the median distance from a point to the nearest other one; 0 where most points coincide."""
+    """Compute the median distance from a point (n, d) to its nearest neighbour; 0 if most points coincide."""
     from scipy.spatial import cKDTree
 
     if len(points) < 2:
@@ -53,7 +54,7 @@ def spacing_of(points: FloatArray) -> float:
 
 
 def planes(points: FloatArray, near: IntArray) -> Planes:
-    """Fit planes through neighbourhoods, by their principal components; `near` is (n, k)."""
+    """Fit planes to neighbourhoods by their principal components; `near` is (n, k)."""
     normals, extent = np.empty_like(points), np.empty(len(points))
     for begin in range(0, len(points), _PIECE):
         part = slice(begin, begin + _PIECE)
@@ -64,17 +65,17 @@ def planes(points: FloatArray, near: IntArray) -> Planes:
 
 
 def _components(around: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute variances along the principal directions of neighbourhoods (q, k, d), ascending, and the directions."""
+    """Compute the variances (q, d), ascending, along the principal directions (q, d, d) of point sets (q, k, d)."""
     centred = around - around.mean(axis=1, keepdims=True)
     found = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred) / around.shape[1])
     return found.eigenvalues, found.eigenvectors
 
 
 def noise_along_normals(points: FloatArray) -> float:
-    """Estimate the noise along the normals, from what paraboloids through neighbourhoods leave.
+    """Estimate the noise along the normals from the residuals of paraboloids fitted to neighbourhoods.
 
-    The median over the points of the mean square residual, for the degrees of freedom that the fit took. Measured on
-    four surfaces: 0.09 to 0.12 spacings at 0.1, 0.47 to 0.50 at 0.5, up to 0.05 where there is no noise.
+    The root of the median over the points of the residual variance, corrected for the degrees of freedom of the fit.
+    Measured on four surfaces: 0.09 to 0.12 spacings at 0.1, 0.47 to 0.50 at 0.5, up to 0.05 without noise.
     """
     n, d = points.shape
     terms = 1 + (d - 1) + d * (d - 1) // 2
@@ -92,7 +93,7 @@ def noise_along_normals(points: FloatArray) -> float:
         plane = np.divide(plane, scale, out=np.zeros_like(plane), where=scale > 0)
         products = [plane[:, :, i] * plane[:, :, j] for i in range(d - 1) for j in range(i, d - 1)]
         A = np.stack([np.ones_like(heights), *np.moveaxis(plane, 2, 0), *products], axis=2)
-        # coincident points or points on a line: the smallest solution of those that fit best
+        # for points that coincide or lie on a line: the smallest of the best solutions
         normal = np.einsum("qki,qkj->qij", A, A) + 1e-9 * np.eye(terms)
         fitted = np.linalg.solve(normal, np.einsum("qki,qk->qi", A, heights)[..., None])
         left = heights - (A @ fitted)[..., 0]
@@ -101,14 +102,14 @@ def noise_along_normals(points: FloatArray) -> float:
 
 
 def projectors(normals: FloatArray) -> FloatArray:
-    """Write projectors n n^T of unit vectors as rows (n, d (d + 1)/2), sqrt(2) sin(angle) apart as matrices are."""
+    """Return the projectors n n^T of unit vectors as rows (n, d (d + 1)/2) with the same distances as the matrices."""
     i, j = np.triu_indices(normals.shape[1])
     rows: FloatArray = normals[:, i] * normals[:, j] * np.where(i == j, 1.0, np.sqrt(2))
     return rows
 
 
 def directions(rows: FloatArray, d: int) -> FloatArray:
-    """Find the unit vector whose projector is nearest to each row, (n, d)."""
+    """Find the unit vector whose projector is nearest to each row of (n, d (d + 1)/2), (n, d)."""
     i, j = np.triu_indices(d)
     matrices = np.zeros((len(rows), d, d))
     matrices[:, i, j] = matrices[:, j, i] = rows / np.where(i == j, 1.0, np.sqrt(2))
@@ -119,11 +120,11 @@ def directions(rows: FloatArray, d: int) -> FloatArray:
 def fitted_points(
     points: FloatArray, graph: Graph, normals: FloatArray, reach: float, moves: FloatArray, steps: int
 ) -> FloatArray:
-    """Move points so that neighbours lie on each other's planes, (n, d).
+    """Move points (n, d) towards the planes of their neighbours; `normals` is (n, d), `moves` (n,).
 
     Each step moves a point x_u by moves(u)/3 of the mean over its neighbours of (n_u n_u^T + n_v n_v^T)(x_v - x_u),
-    weighted by exp(-|n_u n_u^T - n_v n_v^T|^2 / reach^2): a step down the sum over edges of w ((n_u . (x_v - x_u))^2 +
-    (n_v . (x_v - x_u))^2), the update of Lu, Schaefer, Luo, Ma and He (IEEE TVCG 28(8), 2022).
+    weighted by w = exp(-|n_u n_u^T - n_v n_v^T|^2 / reach^2). It decreases the sum over the edges of
+    w ((n_u . (x_v - x_u))^2 + (n_v . (x_v - x_u))^2): Lu, Schaefer, Luo, Ma and He (IEEE TVCG 28(8), 2022).
     """
     from scipy import sparse
 
@@ -145,6 +146,6 @@ def fitted_points(
 
 
 def tilt(extent: FloatArray, sigma: float, k: int) -> float:
-    """How far noise turns the projectors of planes through `k` + 1 points: the median sqrt(2) sin(angle), expected."""
+    """Compute the expected median distance sqrt(2) sin(angle) by which noise turns projectors of `k` + 1 points."""
     wide = extent[extent > 0]
     return float(np.median(np.minimum(np.sqrt(2) * sigma / (np.sqrt(k + 1) * wide), 1))) if len(wide) else 0.0

@@ -1,4 +1,4 @@
-"""Describe points by patches: what lies around each, laid out on its tangent plane."""
+"""Describe points by patches: their neighbourhoods, sampled on a grid in the tangent plane."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..graphs.of_points import knn_graph
 from ..shapes.cloud import cloud_of
 from .normals import nearest
 
-# Points treated at a time.
+# Points per block.
 _PIECE = 1 << 14
 
 
@@ -23,35 +23,35 @@ _PIECE = 1 << 14
 def point_patches(
     points: Any, values: npt.ArrayLike | None = None, *, k: int = 16, patch_radius: int = 1
 ) -> FloatArray:
-    """Describe each point of a surface by what lies around it: heights over its tangent plane, or values, on a grid.
+    """Describe the neighbourhood of each point of a surface: heights above its tangent plane, or values, on a grid.
 
     Parameters
     ----------
     points : (n, 3) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
     values : (n,) or (n, m) array, optional
-        Colours or whatever is to be compared. None: the heights of the neighbours over the plane.
+        Colours or other values to compare. None: the heights of the neighbours above the plane.
     k : int, default 16
-        Neighbours whom a patch is made of; their distances give its size.
+        Number of neighbours in a patch; their distances give its size.
     patch_radius : int, default 1
-        Cells on each side of the middle one: 2 patch_radius + 1 along each axis.
+        Cells on each side of the middle one: a patch has 2 patch_radius + 1 cells along each axis.
 
     Returns
     -------
     (n, (2 patch_radius + 1)^2 m) float64 array
-        Features for :func:`gpureg.weights.gaussian`, or for :func:`patch_knn_graph`. Never NaN.
+        Features for :func:`gpureg.weights.gaussian` or :func:`patch_knn_graph`, without NaN.
 
     Raises
     ------
     TypeError, ValueError
-        What are no points of space, values that do not fit, numbers out of their ranges.
+        Not points in space; values of another shape; numbers out of range.
 
     Notes
     -----
     As in Lozes, Elmoataz and Lezoray (IEEE TIP 23(9), 2014): the plane is that of the principal components of the
-    neighbourhood; a cell has the mean of the neighbours' values, weighted by Gaussians, as wide as a cell, of their
-    distance from its centre. The grid is turned so that what is compared does not depend on the coordinates: its first
-    axis is where the values rise most; for heights, where they vary most, the normal on the side of most neighbours.
-    Where there is nothing to tell directions apart, the patch is the same in all of them, up to noise.
+    neighbourhood. The value of a cell is a mean of the neighbours' values with Gaussian weights of the distance from
+    its centre, as wide as a cell. The grid is rotated so that patches do not depend on the coordinates: the first axis
+    is the direction in which the values rise most, or in which the heights vary most, with the normal on the side of
+    most neighbours. If no direction is special, the patch is the same for all rotations, up to noise.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def point_patches(
     """
     x = cloud_of(points).points
     if x.shape[1] != 3:
-        raise ValueError(f"patches are those of points of space, (n, 3), got {x.shape}")
+        raise ValueError(f"patches need points in space, (n, 3), got {x.shape}")
     integer("k", k, low=3)
     side = 2 * integer("patch_radius", patch_radius, low=0) + 1
     f = None if values is None else checked_values(values, len(x)).astype(np.float64)
@@ -82,14 +82,14 @@ def point_patches(
 
 
 def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> FloatArray:
-    """Lay out patches of neighbourhoods (q, k, 3) around their points, (q, side^2 m)."""
+    """Sample patches of neighbourhoods (q, k, 3), relative to their points, on grids, (q, side^2 m)."""
     q = len(around)
     centred = around - around.mean(axis=1, keepdims=True)
     frame = np.linalg.eigh(np.einsum("qki,qkj->qij", centred, centred)).eigenvectors
     local = np.einsum("qki,qij->qkj", around, frame)
     heights, plane = local[:, :, 0], local[:, :, 1:]
     if values is None:
-        # the normal has most neighbours on its side
+        # most neighbours are on the side of the normal
         heights = heights * np.where(heights.sum(axis=1, keepdims=True) < 0, -1, 1)
         strength = np.einsum("qk,qki,qkj->qij", np.abs(heights), plane, plane)
         first = np.linalg.eigh(strength).eigenvectors[:, :, -1]
@@ -102,14 +102,14 @@ def _laid_out(around: FloatArray, values: FloatArray | None, side: int) -> Float
         length = np.linalg.norm(first, axis=1, keepdims=True)
         first = np.where(length > 0, first / np.where(length > 0, length, 1), [1.0, 0.0])
     u = np.einsum("qki,qi->qk", plane, first)
-    # of the two axes at right angles the one to which the values lean
+    # of the two perpendicular directions, the one with the larger values
     w = plane[:, :, 1] * first[:, :1] - plane[:, :, 0] * first[:, 1:]
     lean = np.einsum("qkm,qk->q", np.abs(values), w**3)
     w = w * np.where(lean < 0, -1, 1)[:, None]
     size = np.sqrt((plane**2).sum(axis=2).max(axis=1))
     cell = np.where(size > 0, 2 * size / side, 1.0)
     centres = (np.arange(side) - (side - 1) / 2)[None, :] * cell[:, None]
-    # nearest cells get exp(0) at least: the exponents are taken from the least of each cell
+    # subtract the least exponent of each cell, so that one weight is exp(0) and the sum is not 0
     along = ((u[:, None, :] - centres[:, :, None]) / cell[:, None, None]) ** 2
     across = ((w[:, None, :] - centres[:, :, None]) / cell[:, None, None]) ** 2
     exponent = along[:, :, None, :] + across[:, None, :, :]
@@ -130,12 +130,12 @@ def patch_knn_graph(
     features: npt.ArrayLike | None = None,
     symmetrize: Literal["max", "mutual"] = "max",
 ) -> Graph:
-    """Join every point to those whose patches are most like its own, among the nearest: a nonlocal graph.
+    """Join each point to those of the nearest points with the most similar patches: a nonlocal graph.
 
     Parameters
     ----------
     points : (n, 3) array, trimesh.PointCloud, pyvista.PolyData or open3d.geometry.PointCloud
-        Of any number of coordinates, where `features` are given.
+        With `features`, points in any dimension, (n, d).
     values : (n,) or (n, m) array, optional
         As in :func:`point_patches`.
     k : int, default 8
@@ -143,21 +143,21 @@ def patch_knn_graph(
     among : int, default 64
         How many of the nearest points it chooses from.
     reach : float, default infinity
-        It chooses none further away than this.
+        Maximal distance to a chosen point.
     features : (n, q) array, optional
-        What is compared instead of patches, one row per point.
+        Features to compare instead of patches.
     symmetrize : {"max", "mutual"}, default "max"
-        An edge where either of two points chose the other, or where both did.
+        "max" makes an edge if either point chose the other, "mutual" if both did.
 
     Returns
     -------
     Graph
-        Without weights, with the points as positions; `gr.weights.gaussian(features, h)` gives it weights.
+        Without weights, with the points as positions; `gr.weights.gaussian(features, h)` gives weights.
 
     Raises
     ------
     TypeError, ValueError
-        As :func:`point_patches` and :func:`gpureg.knn_graph`; among below k, features that do not fit.
+        As :func:`point_patches` and :func:`gpureg.knn_graph`; among below k; features of another shape.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def patch_knn_graph(
         raise ValueError(f"among must be an integer >= k = {k}, got {among!r}")
     local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
     if features is not None and values is not None:
-        raise ValueError("features are what is compared: leave values out, or features")
+        raise ValueError("features are compared instead of values: leave one of them out")
     rows = point_patches(cloud.points, values) if features is None else checked_points(features, "features")
     if len(rows) != len(x):
         raise ValueError(f"features must have {len(x)} rows, one per point, got {len(rows)}")
@@ -190,7 +190,7 @@ def patch_knn_graph(
 
 
 def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: float) -> IntArray:
-    """Find among each point's nearest the k whose features are nearest to its own, (n, k); -1: no more."""
+    """Choose among `near`, (n, k'), the k points with the most similar features, (n, q); (n, k), -1 for no point."""
     k = min(k, near.shape[1] - 1)
     chosen = np.full((len(x), k), -1, np.int64)
     for begin in range(0, len(x), _PIECE):
@@ -199,7 +199,7 @@ def _most_alike(x: FloatArray, rows: FloatArray, near: IntArray, k: int, reach: 
         apart = np.linalg.norm(rows[others] - rows[part, None], axis=2)
         far = np.linalg.norm(x[others] - x[part, None], axis=2) > reach
         apart[far | (others == np.arange(begin, begin + len(others))[:, None])] = np.inf
-        # of equals the nearer one: the order of the neighbours
+        # with equal features the nearer point comes first, as in `near`
         order = np.argsort(apart, axis=1, kind="stable")[:, :k]
         alike = np.take_along_axis(others, order, axis=1)
         chosen[part] = np.where(np.isfinite(np.take_along_axis(apart, order, axis=1)), alike, -1)

@@ -1,1 +1,1 @@
-"""Regularization of a function on any graph, whole or in tiles."""
+"""Regularize a function on any graph, as a whole or in tiles."""

@@ -1,4 +1,4 @@
-"""What denoising a shape did, be it a mesh, a cloud of points or curves: :class:`Denoised`."""
+"""The result of denoising a mesh, a point cloud or curves: :class:`Denoised`."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ S = TypeVar("S", float, tuple[float, ...])
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Denoised(Generic[S]):
-    """What denoising a shape did.
+    """The result of denoising a shape.
 
     Attributes
     ----------
     value : (n,) or (n, m) float array
-        What was regularized, as it is now: the positions of the vertices, or values at them.
+        The denoised positions of the vertices, or the denoised values.
     filter : str
-        What was regularized, in a word: "normals", "positions", "values" ...
+        What was regularized: "normals", "positions", "values" ...
     sigma : float, or one per curve
-        Deviation of the noise, in the units of the coordinates (or of the values): given, or estimated.
+        Standard deviation of the noise, in the units of the coordinates or of the values: given, or estimated.
     estimated : bool
         Whether the noise was estimated.
     p : float
         Degree of regularity.
     lam : float, or one per curve, or (n,) array
-        The fidelity used; an array where it was given so.
+        The fidelity used; an array if it was given as one.
     results : tuple of Result
-        The runs of the model, in their order; none where there is no noise to remove.
+        The runs of the model, in order; empty if there is no noise to remove.
     displacement : (n,) float array
-        How far each vertex has moved; 0 where values were regularized.
+        The displacement of each vertex; 0 if values were regularized.
     seconds : float
-        How long it took.
+        Wall-clock time.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {}
-    """What each filter regularizes, in words."""
+    """Description of what each filter regularizes."""
 
     value: npt.NDArray[Any]
     filter: str
@@ -59,16 +59,16 @@ class Denoised(Generic[S]):
 
     @property
     def moves(self) -> bool:
-        """Whether positions were regularized, and not values at vertices that stay."""
+        """Whether positions were changed, and not values."""
         return self.filter != "values"
 
     @property
     def iterations(self) -> int:
-        """Iterations of all runs together."""
+        """Total number of iterations of all runs."""
         return sum(result.iterations for result in self.results)
 
     def describe(self) -> str:
-        """The filter and its parameters, in a line."""
+        """Describe the filter and its parameters in one line."""
         what = self.WHAT[self.filter]
         if not self.results:
             return f"{what}: there is no noise to remove"
@@ -89,13 +89,7 @@ def check_numbers(
     max_iter: int | None = None,
     max_displacement: float | None = None,
 ) -> None:
-    """Check the numbers that all these functions take, also where no run would look at them.
-
-    Raises
-    ------
-    TypeError, ValueError
-        What is no number, or out of its range.
-    """
+    """Raise TypeError or ValueError unless these settings are numbers in range, also if no run will use them."""
     if p is not None:
         number("p", p, above=0)
     if max_iter is not None:
@@ -108,20 +102,20 @@ def check_numbers(
 
 
 def checked_fidelity(lam: Any, n: int, what: str = "vertex") -> float | FloatArray:
-    """A fidelity as a number, or one per vertex, (n,).
+    """Check a fidelity; return a number, or one per vertex, (n,).
 
     Parameters
     ----------
     lam : float or (n,) array
     n : int
-        How many vertices there are.
+        Number of vertices.
     what : str
-        What they are called in an error.
+        The word for a vertex in errors.
 
     Raises
     ------
     TypeError, ValueError
-        What is no number >= 0; another shape.
+        Not numbers >= 0; another shape.
     """
     if np.ndim(lam) == 0:
         return number("lam", lam.item() if isinstance(lam, np.ndarray) else lam, low=0, finite=False)
@@ -136,7 +130,7 @@ def checked_fidelity(lam: Any, n: int, what: str = "vertex") -> float | FloatArr
 
 
 def limited(moves: FloatArray, most: float | None) -> tuple[FloatArray, FloatArray]:
-    """Displacements (n, d), none longer than `most`, and their lengths (n,)."""
+    """Limit displacements (n, d) to the length `most`; return them and their lengths (n,)."""
     distance = np.linalg.norm(moves, axis=1)
     if most is None:
         return moves, distance

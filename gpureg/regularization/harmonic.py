@@ -1,8 +1,7 @@
-"""Where the doors that fill in unknown values start from: the solution of p = 2, exact.
+"""Solve p = 2 exactly, as the start of functions that fill in unknown values.
 
 A sweep carries information over one neighbourhood, so that a hole of k pixels across takes of the order of k^2 sweeps
-to fill. For p = 2 conjugate gradients on the unknown vertices take of the order of k steps, and their solution is a
-start from which the sweeps of another p have little left to do.
+to fill. For p = 2 conjugate gradients take of the order of k steps, and their solution is a good start for another p.
 """
 
 from __future__ import annotations
@@ -28,18 +27,18 @@ if TYPE_CHECKING:
 
 # Residual of conjugate gradients relative to the right-hand side. The error is larger by the condition number, about
 # n^2 times the ratio of the weights on a path of n vertices. On the 114,599 Luxembourg streets 1e-7 leaves an error of
-# 8e-6 after 4498 steps (5 s), 1e-10 one of 1e-8 after 6343; where weights differ by 1e6, 1e-7 says nothing.
+# 8e-6 after 4498 steps (5 s), 1e-10 one of 1e-8 after 6343; with weights that differ by 1e6, 1e-7 says nothing.
 RESIDUAL = 1e-10
 # Unknown vertices up to which the system is solved directly: weights that differ by factors of 1e5 (1/distance^2 on
-# roads, bilateral ones on pictures) need more conjugate gradient steps than there are vertices. The factors fill up at
-# worst to 9 million numbers.
+# roads, bilateral ones on images) need more conjugate gradient steps than there are vertices. The factors have at most
+# 9 million numbers.
 DIRECT = 3000
-# The same on a picture's nearest neighbours, whose factors stay thin: 8.4 million numbers and 1.4 s at 512 x 512.
+# The same for the nearest neighbours of an image, whose factors stay sparse: 8.4 million numbers, 1.4 s at 512 x 512.
 DIRECT_PLANE = 300_000
-# What is added to the diagonal, 1, before it is factored, far above rounding, and the steps that take it off again: few
-# where all weights are above it.
+# A number, far above rounding, that is added to the unit diagonal before factorization, and the maximal number of steps
+# that correct for it: few are needed if all weights are larger.
 SHIFT, FACTORED_STEPS = 1e-12, 200
-# Steps after which algebraic multigrid, where pyamg is there, takes over: it costs as much as some hundred of them.
+# Steps before algebraic multigrid, if pyamg is installed: its setup costs as much as some hundred steps.
 PLAIN_STEPS = 500
 MAX_STEPS = 20_000
 
@@ -54,29 +53,29 @@ def harmonic(
     backend: str = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """The minimiser of the model for p = 2 with the known vertices pinned and no data at the others.
+    """Find the minimiser of the model for p = 2 with the known vertices pinned and lam = 0 at the others.
 
     Parameters
     ----------
     f0 : (n, m) float array
-        The values of the known vertices, and a guess at the others. A weight function is computed from it.
+        The values of the known vertices, and an initial guess at the others. Weight functions are computed from it.
     graph : Graph or GridGraph
     known : (n,) bool array
     weights, gamma, backend, dtype
-        As :func:`gpureg.regularize`; `backend` and `dtype` matter to the weights alone.
+        As in :func:`gpureg.regularize`; `backend` and `dtype` are only used for the weights.
 
     Returns
     -------
     f : (n, m) float64 array
-        `f0`, with unknown vertices replaced where a known one is connected to them.
+        `f0`, with new values at the unknown vertices that are connected to a known one.
     reached : (n,) bool array
         Known vertices, and those connected to one by edges of weight > 0.
 
     Notes
     -----
-    The energy is a sum over undirected edges of (gamma_uv f(u) - gamma_vu f(v))^2 (eq. 4, 20), so that A f = b on the
-    unknown vertices with A_uu = sum_v gamma_uv^2, A_uv = -gamma_uv gamma_vu and b_u = sum_v gamma_uv gamma_vu f0(v)
-    over known v.
+    The energy is a sum over undirected edges of (gamma_uv f(u) - gamma_vu f(v))^2 (eq. 4, 20). Its minimiser solves
+    A f = b on the unknown vertices, with A_uu = sum_v gamma_uv^2, A_uv = -gamma_uv gamma_vu and
+    b_u = sum_v gamma_uv gamma_vu f0(v) over the known v.
 
     Examples
     --------
@@ -119,7 +118,7 @@ def harmonic(
         return f, reached
     diagonal = np.bincount(start, here**2, minlength=k)
     A = (sparse.diags_array(diagonal) - pattern).tocsr()[solvable][:, solvable]
-    # Scaled by its diagonal on both sides, which is the Jacobi preconditioner and costs nothing in a step.
+    # scaled by its diagonal on both sides: the Jacobi preconditioner, without a cost per step
     root = 1 / np.sqrt(diagonal[solvable])
     A = (sparse.diags_array(root) @ A @ sparse.diags_array(root)).tocsr()
     in_a_plane = isinstance(graph, GridGraph) and graph.ndim <= 2 and np.abs(graph.offsets).max(initial=0) <= 1
@@ -140,11 +139,11 @@ def harmonic(
             f"the first fill did not converge in {steps} steps of conjugate gradients, the weights differ too "
             "much: more iterations (max_iter) and tol=None may be needed, or weights that differ less",
             RuntimeWarning,
-            stacklevel=4,  # of the caller of a door
+            stacklevel=4,  # the caller of a public function
         )
     values: FloatArray = root[:, None] * solved
     if np.array_equal(there, back):
-        # means of neighbours (the maximum principle): what rounding, or unfinished steps, put elsewhere is no solution
+        # by the maximum principle the solution lies in the range of the pinned values: clip errors beyond it
         low, high = (np.full((part.max() + 1, f.shape[1]), end_) for end_ in (np.inf, -np.inf))
         np.minimum.at(low, part[start[pinned]], f[end[pinned]])
         np.maximum.at(high, part[start[pinned]], f[end[pinned]])
@@ -154,11 +153,11 @@ def harmonic(
 
 
 def _factored(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArray, list[int]]:
-    """The solution of A x = b (n, m), A with a diagonal of 1, by a factorization, and the columns that lack it.
+    """Solve A x = b, (k, m), by a factorization; A has a unit diagonal. Return x and the columns not converged.
 
-    Vertices whose weights join them to each other, and by 1e-20 to all else, make A singular to the last digit. `SHIFT`
-    is added to its diagonal; conjugate gradients, which the factors make short, take that off again as far as A says
-    anything, and leave the guess where it does not.
+    A is singular up to rounding if some vertices are joined to all others only by weights such as 1e-20. `SHIFT` is
+    therefore added to its diagonal; a few conjugate gradient steps, preconditioned by the factors, correct for it where
+    A determines the solution, and keep the guess, (k, m), where it does not.
     """
     from scipy import sparse
     from scipy.sparse import linalg
@@ -166,12 +165,12 @@ def _factored(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArra
     shifted = (A + SHIFT * sparse.eye_array(A.shape[0])).tocsc()
     factors = linalg.splu(shifted, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     x, left = _by_gradients(A, b, guess, range(b.shape[1]), FACTORED_STEPS, factors.solve)
-    # one step of refinement, for the digits beyond the residual that was asked for
+    # one step of iterative refinement, for digits beyond the tolerance
     return x + factors.solve(b - A @ x), left
 
 
 def _iterated(A: csr_array, b: FloatArray, guess: FloatArray) -> tuple[FloatArray, list[int]]:
-    """The solution of A x = b (n, m) without factors, and the columns that lack it."""
+    """Solve A x = b, (k, m), without a factorization; return x and the columns not converged."""
     steps = min(PLAIN_STEPS, MAX_STEPS) if is_there() else MAX_STEPS
     x, left = _by_gradients(A, b, guess, range(b.shape[1]), steps)
     if not left or not is_there():
@@ -188,7 +187,7 @@ def _by_gradients(
     steps: int,
     precondition: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, list[int]]:
-    """Some columns of the solution by conjugate gradients, the others as they were, and those that did not converge."""
+    """Solve A x = b, (k, m), for some columns; return x, other columns from `start`, and the columns not converged."""
     x, left = start.copy(), []
     for k in columns:
         found = conjugate_gradients(

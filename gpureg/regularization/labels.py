@@ -1,4 +1,4 @@
-"""The door for graphs of which some vertices have a label: :func:`propagate_labels`."""
+"""Label all vertices of a graph from the labels of a few: :func:`propagate_labels`."""
 
 from __future__ import annotations
 
@@ -46,29 +46,29 @@ def propagate_labels(
     tol: float | None = 1e-6,
     **options: Unpack[Run],
 ) -> IntArray | tuple[IntArray, FloatArray]:
-    """Give every vertex of a graph a label, from the labels of a few (semi-supervised classification).
+    """Label all vertices of a graph from the labels of a few (semi-supervised classification).
 
     Parameters
     ----------
     labels : int array
-        One label >= 0 per vertex, -1 where it is not known, shape (n,); on a :class:`GridGraph` also its shape. The
-        labels may be any such numbers, with gaps.
+        One label >= 0 per vertex, or -1 if unknown, shape (n,); on a :class:`GridGraph` also its shape. Numbers may be
+        missing between labels.
     graph : Graph or GridGraph
         The graph of n vertices.
     p : float, default 3
         Degree of regularity. 2 is the harmonic solution of Zhu, Ghahramani and Lafferty (2003), which with few labels
-        is nearly constant, with a spike at each label; a larger p is not.
+        is nearly constant with a spike at each label; a larger p avoids that.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: the graph's own, or 1. For
+        An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: those of the graph, or 1. For
         vertices with features: ``gpureg.weights.gaussian(features, sigma)``. A weight function that compares data, such
-        as bilateral, would compare labels: give it data by ``gpureg.weights.guided``.
+        as bilateral, would compare labels: give it other data by ``gpureg.weights.guided``.
     gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array, default "sqrt"
     norm : {"vertex", "edge"}, default "edge"
     eps : float, optional
-        As in :func:`gpureg.regularize`; the functions regularized lie in 0..1.
+        As in :func:`gpureg.regularize`; the regularized functions have values in 0..1.
     balance : bool, default False
-        Scale the scores so that every class has the share among the unknown vertices that it has among the known ones
-        (class mass normalization). To be used where these shares tell something.
+        Scale the scores so that each class has the same share among the unknown vertices as among the known ones (class
+        mass normalization). Use it if the known labels have representative shares.
     return_scores : bool, default False
         Return the scores too.
     solver : str or Solver, default "jacobi"
@@ -80,30 +80,29 @@ def propagate_labels(
     Returns
     -------
     labels : int array
-        In the shape and dtype of `labels`. Known labels stay. -1 remains where no known vertex is connected, by edges
-        of weight > 0: nothing is known there. Of two labels with the same score the smaller is taken.
+        In the shape and dtype of `labels`. Known labels do not change. Vertices that are not connected to a known
+        vertex by edges of weight > 0 have -1. Of two labels with the same score the smaller is taken.
     scores : float array
         If `return_scores`: one column per class, in the order of ``np.unique(labels[labels >= 0])``, on a last axis.
-        With gamma "sqrt" or "combinatorial" each row is a distribution (>= 0, sum 1), unless it is of a vertex that
-        keeps -1: that is 0.
+        With gamma "sqrt" or "combinatorial" each row is a distribution (>= 0, sum 1); it is 0 where the label is -1.
 
     Raises
     ------
     ValueError, TypeError
-        No known label, one below -1, labels that are no integers or not one per vertex; otherwise as
+        No known label; a label below -1; labels that are not integers or not one per vertex; otherwise as
         :func:`gpureg.regularize`.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
     Notes
     -----
-    One call of :func:`gpureg.regularize` (eq. 19, 30) on the indicator functions of the classes, all classes with one
-    gradient norm, with lam infinite at the known vertices and 0 at the others; a vertex takes the label of the largest
-    value. On p > 2 for few labels: El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian regularization in
-    semi-supervised learning", 2016, who advise p = d + 1 for data of d dimensions. Measured by ``bench/labels.py`` on
-    the Cora citations, 20 draws: with 5 labels a class 46.0 percent right at p = 2, 56.8 at 3 and 59.7 at 6; with 20
-    labels 73.6, 73.7 and 72.7. There balance=True does more, and best at p = 2: 70.0 and 75.3; on the Minnesota roads
-    with 20 labels it does harm.
+    One call of :func:`gpureg.regularize` (eq. 19, 30) on the indicator functions of the classes, with one gradient norm
+    for all classes, and with lam infinite at the known vertices and 0 at the others; a vertex gets the label of the
+    largest value. On p > 2 for few labels see El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian
+    regularization in semi-supervised learning", 2016, who advise p = d + 1 for data of d dimensions. Measured by
+    ``bench/labels.py`` on the Cora citations, 20 draws: with 5 labels per class 46.0 percent right at p = 2, 56.8 at 3
+    and 59.7 at 6; with 20 labels 73.6, 73.7 and 72.7. There balance=True helps more, and most at p = 2: 70.0 and 75.3;
+    on the Minnesota roads with 20 labels it makes the result worse.
 
     Examples
     --------
@@ -124,9 +123,9 @@ def propagate_labels(
     classes, index = np.unique(flat[known], return_inverse=True)
     indicators = np.zeros((len(flat), len(classes)))
     indicators[known, index] = 1
-    # The start decides how many sweeps are needed. After 300 at p = 3 the largest error was, on Cora with 5 labels a
-    # class, 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the Minnesota roads, which are
-    # far wider, 5e-1, 3e-1 and 5e-2. It is found in 0.02 to 0.04 s, the time of some 20 sweeps.
+    # The start decides how many sweeps are needed. The largest error after 300 sweeps at p = 3, on Cora with 5 labels
+    # per class, is 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the Minnesota roads, of
+    # larger diameter, 5e-1, 3e-1 and 5e-2. This solution takes 0.02 to 0.04 s, the time of some 20 sweeps.
     start, reached = harmonic(
         indicators,
         graph,
@@ -144,7 +143,7 @@ def propagate_labels(
         weights=weights,
         gamma=gamma,
         norm=norm,
-        # one conductance for all classes, and so a linear system that they share: their values go on summing to 1
+        # one conductance for all classes, and therefore one linear system: the values still sum to 1
         coupled=True,
         eps=eps,
         solver=solver,
@@ -179,7 +178,10 @@ def _checked(graph: AnyGraph, labels: npt.ArrayLike) -> IntArray:
 def _balanced(
     scores: FloatArray, known: npt.NDArray[np.bool_], reached: npt.NDArray[np.bool_], index: IntArray
 ) -> FloatArray:
-    """Scores with the mass of each class scaled to its share among the known vertices, rows summing as before."""
+    """Scale the mass of each class in (n, classes) scores to its share among known vertices, with the same row sums.
+
+    `known` and `reached` are (n,), `index` is the class of each known vertex.
+    """
     unknown = reached & ~known
     share = np.bincount(index, minlength=scores.shape[1]) / len(index)
     mass = scores[unknown].mean(axis=0) if unknown.any() else share

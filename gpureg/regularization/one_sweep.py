@@ -1,4 +1,4 @@
-"""One sweep at p = 2 with weights that are never stored: what the filters are."""
+"""One sweep at p = 2 with weights that are not stored, as the filters do."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..weights import PatchWeights, Weights, patch_weights
 from .regularize import as_given
 from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
 
-# Bytes of a tile of a sweep that stores no weights.
+# Bytes per tile of a sweep without stored weights.
 _STEP_BYTES = 1 << 29
 
 
@@ -40,10 +40,10 @@ def one_sweep(
     progress: bool = False,
     step: OneStep | None = None,
 ) -> Result:
-    """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are computed but not stored.
+    """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are not stored.
 
-    `weights` are such as :func:`gpureg.weights.patch_weights` finds. An energy needs stored weights: the result has
-    none. An interruption leaves no iterate. `step` says what differs from a sweep of eq. 25.
+    `weights` are bilateral or patch weights. The result has no energy, which would need stored weights. After an
+    interruption there is no iterate. `step` describes differences from a sweep of eq. 25.
     """
     begin = time.perf_counter()
     kind = computed_type(dtype)
@@ -52,7 +52,7 @@ def one_sweep(
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
     averages = step.averaged is not None
-    # from stored weights, with the channel that is divided by, and its shares
+    # averaging from stored weights needs one more channel, the denominator, and shares
     stored = averages and not step.fuses(device, graph)
     job = Job(
         channels=problem.f0.shape[1] + stored,
@@ -85,9 +85,9 @@ def _tiles_of_a_step(
     halo: tuple[int, ...],
     work: Callable[[int], float],
 ) -> Tiling:
-    """Small tiles, which cost nothing where a halo is one window wide, and leave the host its memory.
+    """Choose small tiles, which cost little because the halo is one window wide, and save memory of the host.
 
-    A window that is wide beside the grid may not fit such: then what is allowed is taken.
+    If the window is too large for small tiles, the whole budget is used.
     """
     need = job.need(graph, device)
     for limit in sorted({min(allowed.total, _STEP_BYTES), allowed.total}):
@@ -105,17 +105,16 @@ def _tiles_of_a_step(
 
 @dataclass(frozen=True)
 class OneStep:
-    """How one sweep at p = 2 with patch weights differs from eq. 25; by default not at all.
+    """The variant of one sweep at p = 2 with patch weights; the default is eq. 25.
 
     Attributes
     ----------
     largest : bool
-        lam counts in units of the largest weight around each vertex.
+        Whether lam is in units of the largest weight of each vertex.
     averaged : int or None
-        Radius of the patches whose estimates are averaged, each patch being estimated as a whole; None estimates each
-        vertex by its own patch alone.
+        Radius of the patches that are estimated as a whole and averaged. None: each vertex is estimated alone.
     by_weight : bool
-        Whether a patch's estimate counts by the sum of the weights it was made with, instead of as one.
+        Whether the estimate of a patch is weighted by the sum of its weights, instead of by 1.
     """
 
     largest: bool = False
@@ -123,18 +122,18 @@ class OneStep:
     by_weight: bool = False
 
     def fuses(self, backend: Backend, grid: GridGraph) -> bool:
-        """Whether averaged patches are a step whose weights are not stored: averaging patches is averaging weights."""
+        """Return whether patches are averaged without stored weights: the weights are averaged instead."""
         return self.by_weight and not self.largest and backend.averages and grid.ndim == 2
 
     def halo(self, problem: Problem) -> tuple[int, ...]:
-        """Cells along each axis from which data reach a vertex."""
+        """Return the distance along each axis, in cells, from which data reach a vertex."""
         return tuple(cells + (self.averaged or 0) for cells in halo(problem, 1))
 
 
 def step_in_tiles(
     problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
 ) -> FloatArray:
-    """One sweep at p = 2 of patch weights, which are stored for one tile at a time, (n, m)."""
+    """Do one sweep at p = 2 with patch weights, tile by tile, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
@@ -169,7 +168,7 @@ def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
 
 
 def _per_patch(grid: GridGraph, lam: FloatArray, radius: int) -> FloatArray:
-    """The fidelity times the patches that cover each vertex, (n, 1): a pixel counts in each of them."""
+    """Compute the fidelity times the number of patches that cover each vertex, (n, 1)."""
     inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
     count = over_patches(inside, radius).reshape(-1, 1)
     counted: FloatArray = np.where(np.isinf(lam), lam, np.where(np.isinf(lam), 0, lam) * count)
@@ -185,10 +184,10 @@ def _averaged(
     step: OneStep,
     radius: int,
 ) -> FloatArray:
-    """Every vertex' mean over the estimates of all patches that cover it (``aggregate``).
+    """Average at each vertex the estimates of all patches that cover it (``aggregate``), (n, m); `f` is (n, m).
 
-    The patch around u is estimated as the mean of the patches around its neighbours v with the weights w(u, v), and of
-    its own with lam/2 (at p = 2 a neighbour counts 2 w).
+    The estimate of the patch around u is the mean of the patches around its neighbours v with the weights w(u, v), and
+    of the patch itself with the weight lam/2 (at p = 2 a neighbour has the weight 2 w).
     """
     inside = np.ones((grid.n_vertices, 1)) if grid.mask is None else grid.mask.reshape(-1, 1).astype(np.float64)
     fidelity = np.broadcast_to(lam, inside.shape)
@@ -200,7 +199,7 @@ def _averaged(
         share, centre = inside, centre * inside
     else:
         total = centre + backend.get(grid, backend.degree(weighted))
-        # a vertex without weights is its own estimate, as one that is pinned
+        # a vertex without weights is its own estimate, like a pinned one
         alone = ~(total > np.finfo(backend.dtype).tiny * 1e8) | pinned
         share = np.divide(1.0, total, out=np.zeros_like(total), where=~alone)
         centre = np.where(alone, 1.0, centre * share) * inside

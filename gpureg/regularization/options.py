@@ -1,4 +1,4 @@
-"""Options that doors take and hand on as one: how a run is done, and what of the model has one meaning everywhere."""
+"""Options that the public functions share and pass on: settings of a run, and of the model."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..solvers.loop import Callback
 
 
 class Run(TypedDict, total=False):
-    """How a run is done, in every door.
+    """Settings of a run, in every public function.
 
     Attributes
     ----------
     backend : str, default "auto"
-        "auto", "numpy", "opencl", "warp" or a device of theirs.
-    dtype : dtype, default float32
-        float32 or float64: the type to compute in. None takes float64 where the data hold more digits than float32.
+        "auto", "numpy", "opencl", "warp" or one of their devices.
+    dtype : dtype, optional
+        Type to compute in, float32 or float64. None: float32, but float64 for images of integers of more than 16 bits.
     memory : int, optional
-        Bytes that the run may take; None asks the device and GPUREG_MEMORY.
+        Bytes that the run may use. None: set by the device and GPUREG_MEMORY.
     callback : callable, optional
         Called with a :class:`gpureg.Check` at every check; True stops the run.
     progress : bool, default False
-        Whether to show a bar on the terminal.
+        Whether to show a progress bar on the terminal.
     """
 
     backend: str
@@ -35,18 +35,18 @@ class Run(TypedDict, total=False):
 
 
 class Model(Run, total=False):
-    """How the model is posed and solved, and how the run is done.
+    """Settings of the model, the solver and the run.
 
     Attributes
     ----------
     norm : {"vertex", "edge"}, default "vertex"
         The smoothness of eq. 20, or of eq. 30.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15); None takes 1e-3 of the data's range.
+        Smoothing of the gradient norm (eq. 15). None: 1e-3 of the data's range.
     solver : str or Solver, default "jacobi"
         "jacobi", "euler", "certified", or a solver object.
     tol : float, optional
-        The solver's tolerance; None makes no test.
+        Tolerance of the solver. None: the solver's own, if it has one.
     """
 
     norm: Literal["vertex", "edge"]

@@ -1,4 +1,4 @@
-"""Many values of lam or p on the same data: :func:`regularization_path`."""
+"""Regularize the same data with many values of lam or p: :func:`regularization_path`."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from ..weights import Weights
 from .options import MODEL, Model
 from .regularize import as_run, regularize, result_of, tiles_of
 
-# Those of `regularize` that a series of runs shares, and that mean the same for each run.
+# Settings of `regularize` that are the same for all runs of a series.
 SETTINGS = frozenset(("weights", "gamma", "coupled", "max_iter", *MODEL)) - {"callback", "progress"}
 
 
 class Series:
-    """Runs of :func:`gpureg.regularize` on the same data, graph and weights, each from where the last one ended.
+    """Runs of :func:`gpureg.regularize` on the same data, graph and weights; each starts from the previous result.
 
-    The weights are computed once. A job that has to go through in tiles is run by :func:`gpureg.regularize` each time.
+    The weights are computed once, but a job that needs tiles calls :func:`gpureg.regularize` for each run.
 
     Parameters
     ----------
     f0, graph, weights, gamma, coupled, max_iter
-        As :func:`gpureg.regularize`.
+        As in :func:`gpureg.regularize`.
     **options
-        norm, eps, solver, tol, backend, dtype, memory, callback, progress, as :func:`gpureg.regularize`.
+        norm, eps, solver, tol, backend, dtype, memory, callback, progress, as in :func:`gpureg.regularize`.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Series:
         self._last: Result | None = None
 
     def solve(self, lam: float | npt.ArrayLike, p: float) -> Result:
-        """The run with this fidelity and degree."""
+        """Run with this fidelity, a number or an (n,) array, and degree."""
         begin = time.perf_counter()
         problem = Problem.make(
             self._f0, self._graph, p=p, lam=lam, dtype=self._dtype, smoothed=self._solver.smooths, **self._model
@@ -119,16 +119,16 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Results along a list of values of one parameter; iterating gives them in order.
+    """Results for a list of values of one parameter; iterating gives them in order.
 
     Attributes
     ----------
     parameter : {"lam", "p"}
-        What changes.
+        The parameter that changes.
     values : (k,) float array
-        Its values, in the order in which they were solved.
+        Its values, in the order of the runs.
     results : tuple of Result
-        One for each.
+        One result per value.
     """
 
     parameter: str
@@ -158,7 +158,7 @@ def regularization_path(
     max_iter: int | None = None,
     **options: Unpack[Model],
 ) -> Path:
-    """Regularize for a list of values of `lam` or of `p`, each run from where the last one ended.
+    """Regularize with a list of values of `lam` or of `p`, each run starting from the previous result.
 
     Parameters
     ----------
@@ -166,13 +166,13 @@ def regularization_path(
         The data, as in :func:`gpureg.regularize`.
     graph : Graph or GridGraph
     lam, p : float or sequence of float
-        One of them a sequence: the values to solve for, in this order. Neighbouring values help each other.
+        One of them is a sequence of values, used in this order. A run is short if its value is near the previous one.
     weights, gamma, coupled
         As in :func:`gpureg.regularize`. The weights are computed once.
     max_iter : int, optional
-        Iterations of each run at most, as in :func:`gpureg.regularize`.
+        Maximal number of iterations of each run, as in :func:`gpureg.regularize`.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. A callback sees the checks of all runs; True stops the run of one value.
+        As in :func:`gpureg.regularize`. A callback is called at the checks of all runs; True stops only one run.
 
     Returns
     -------
@@ -182,13 +182,13 @@ def regularization_path(
     Raises
     ------
     ValueError, TypeError
-        No sequence, or two; and as :func:`gpureg.regularize`.
+        No sequence, or two; otherwise as :func:`gpureg.regularize`.
 
     Notes
     -----
-    With ``solver="certified"`` each result is within its gap of the minimum, wherever it started: a warm start saves
-    time and changes nothing else. With p < 1 the result is a local minimum, which depends on the start: following p
-    down from 1 is a way to good ones.
+    With ``solver="certified"`` each result is within its gap of the minimum for any start: a warm start only saves
+    time. With p < 1 the result is a local minimum, which depends on the start: decreasing p from 1 often gives good
+    ones.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Vertices that met become one: partitions of any graph by the process with p < 1, coarser as lam falls."""
+"""Partition any graph by the process with p < 1: merge the vertices with equal values, for decreasing lam."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Pieces:
     values : (k, m) float array
         The mean over each piece of the regularized function.
     sizes : (k,) float array
-        The mass of each piece: how many vertices it has, where all weigh 1.
+        The mass of each piece: its number of vertices, if every vertex has mass 1.
     graph : Graph
-        The pieces that touch, with the sum of the weights between them.
+        The adjacency of the pieces, with the sum of the weights between two pieces.
     results : tuple of Result
         The runs that led here.
     """
@@ -43,11 +43,11 @@ class Pieces:
 
     @property
     def n_pieces(self) -> int:
-        """How many there are."""
+        """Number of pieces."""
         return len(self.sizes)
 
     def joined(self, part: IntArray) -> Pieces:
-        """The pieces of which each has become one of fewer, by number."""
+        """Merge pieces: piece i becomes part of the new piece `part[i]`; `part` is (k,)."""
         first = np.sort(np.unique(part, return_index=True)[1])
         number = np.empty(len(first), np.int32)
         number[part[first]] = np.arange(len(first))
@@ -59,14 +59,14 @@ class Pieces:
 
 
 def whole(f0: FloatArray, graph: Graph, weights: FloatArray | None = None, sizes: FloatArray | None = None) -> Pieces:
-    """Every vertex a piece of its own, with the values `f0`, (n, m), and weights on the directed edges."""
+    """Make a partition with one piece per vertex, with the values `f0`, (n, m), and (n_edges,) weights."""
     n = graph.n_vertices
     weighted = Graph(graph.indptr, graph.indices, graph.weights if weights is None else weights)
     return Pieces(np.arange(n, dtype=np.int32), f0, np.ones(n) if sizes is None else sizes, weighted)
 
 
 def contracted(graph: Graph, labels: IntArray) -> Graph:
-    """The graph of pieces: neighbours where some of their vertices are, with the sum of the weights between them."""
+    """Return the adjacency graph of the pieces, weighted by the sum of the weights between two; `labels` is (n,)."""
     from scipy import sparse
 
     k = int(labels.max()) + 1 if len(labels) else 0
@@ -75,13 +75,13 @@ def contracted(graph: Graph, labels: IntArray) -> Graph:
     w = np.ones(graph.n_edges) if graph.weights is None else graph.weights
     W = sparse.csr_array((w[between], (u[between], v[between])), shape=(k, k))
     W.sum_duplicates()
-    # both directions are sums of the same numbers, in another order
+    # the sums of both directions can differ by rounding
     W = (W + W.T) / 2
     return Graph(W.indptr, W.indices, np.asarray(W.data))
 
 
 def met(values: FloatArray, graph: Graph, tol: float) -> IntArray:
-    """Which vertices are joined by edges along which the function differs by `tol` at most, and by chains of such."""
+    """Label the components, (n,), joined by edges on which the function (n, m) differs by at most `tol`."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
@@ -93,17 +93,16 @@ def met(values: FloatArray, graph: Graph, tol: float) -> IntArray:
     return found
 
 
-def coarser(start: Pieces, lams: Iterable[float], *, p: float, met_at: float, **settings: Any) -> Iterator[Pieces]:
-    """One partition after another: regularize the pieces' values with each lam, and join those that met.
+def coarser(start: Pieces, lam: Iterable[float], *, p: float, merge_tol: float, **settings: Any) -> Iterator[Pieces]:
+    """Yield coarser and coarser partitions: regularize the pieces' values with each lam, and merge equal neighbours.
 
-    A piece's fidelity is lam times its size, so that a piece counts as the vertices in it; each partition's pieces are
-    unions of those of the one before. Values at most `met_at` apart have met. `settings` are those of
-    :func:`gpureg.regularize`.
+    A piece's fidelity is lam times its size, as if its vertices were counted one by one. Adjacent values at most
+    `merge_tol` apart are merged. `settings` are those of :func:`gpureg.regularize`.
     """
     now = start
-    for lam in lams:
-        result = regularize(now.values, now.graph, p=p, lam=lam * now.sizes, **settings)
+    for fidelity in lam:
+        result = regularize(now.values, now.graph, p=p, lam=fidelity * now.sizes, **settings)
         value = result.value.astype(np.float64)
         moved = Pieces(now.labels, value, now.sizes, now.graph, (*now.results, result))
-        now = moved.joined(met(value, now.graph, met_at))
+        now = moved.joined(met(value, now.graph, merge_tol))
         yield now

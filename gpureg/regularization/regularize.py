@@ -1,4 +1,4 @@
-"""The front door to the model: :func:`regularize`."""
+"""Regularize a function on a graph: :func:`regularize`."""
 
 from __future__ import annotations
 
@@ -58,84 +58,87 @@ def regularize(
     ----------
     f0 : array
         The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
-        channels. Values are used as they come.
+        channels. The values are not rescaled. NaN and infinity are allowed only at vertices outside a grid's mask; such
+        values do not change the result, except through patches that contain them (NaN counts as 0).
     graph : Graph or GridGraph
         The graph of n vertices; or a symmetric sparse matrix of weights of scipy, or a graph of networkx, whose loops
-        are left out with a warning. NaN and infinity in `f0` are allowed only where a grid's mask leaves the vertex
-        out; such a value decides nothing, but patches that reach over it see it (NaN as 0).
+        are left out with a warning.
     p : float, default 2
-        Degree of regularity > 0: 2 is Tikhonov's, 1 total variation, towards 0 the result becomes piecewise constant.
+        Degree of regularity > 0: 2 is Tikhonov, 1 total variation; near 0 the result is piecewise constant.
     lam : float or array, default 1
-        Fidelity >= 0, a number or one value per vertex: larger stays closer to the data. 0: no data there; infinity:
-        pinned to the data.
+        Fidelity >= 0, a number or one value per vertex. Larger values stay closer to the data; 0 means no data at a
+        vertex, infinity pins it to the data.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: the graph's own, or 1.
+        An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: those of the graph, or 1.
     gamma : {"sqrt", "combinatorial", "normalized", "degree"} or array, default "sqrt"
         gamma(u, v) of eq. 4: sqrt(w), sqrt(w/2), sqrt(w/(2 deg u)), sqrt(w/deg u); or one value >= 0 per stored
         directed edge, symmetric or not, instead of any weights.
     norm : {"vertex", "edge"}, default "vertex"
         The smoothness: "vertex" is eq. 20, the gradient norm of a vertex raised to p (isotropic); "edge" is eq. 30,
-        every edge by itself (anisotropic). They differ by a factor even at p = 2: "edge" with lam is "vertex" with
-        2 lam.
+        a sum over single edges (anisotropic). At p = 2 "edge" with lam is "vertex" with 2 lam.
     coupled : bool, default True
-        One gradient norm for all m channels (section 5.1), or each channel alone.
+        Whether all m channels have one gradient norm (section 5.1), or one each.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15), in the data's units. None takes 1e-3 of the data's range, or 0 where
-        it is not needed: for p = 2, and with the certified solver.
+        Smoothing of the gradient norm (eq. 15), in the data's units. None: 1e-3 of the data's range, or 0 if it is not
+        needed, for p = 2 and with the certified solver.
     solver : str or Solver, default "jacobi"
-        "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with a bound on
-        how far the result is from it), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or
-        :class:`gpureg.Certified`, which holds settings.
+        "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with an error
+        bound), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or :class:`gpureg.Certified`.
     max_iter : int, optional
-        Iterations at most. None: 100 with "jacobi" and "euler", 20 000 with "certified".
+        Maximal number of iterations. None: 100 with "jacobi" and "euler", 20 000 with "certified".
     tol : float, optional
-        When to stop before that. The paper's processes: once the largest change in one iteration is at most this share
-        of the data's range (the error can be far larger than the last change when lam is small; ``Jacobi(stop=...)``
-        knows other tests). "certified": once the duality gap is at most this share of the energy, 1e-4 where None.
+        Tolerance of the stop test. "jacobi" and "euler" stop once the largest change in one iteration is at most this
+        share of the data's range (for a small lam the error can be far larger than the last change; ``stop`` of the
+        solver object selects other tests), and make no test if None. "certified" stops once the duality gap is at most
+        this share of the energy; None: 1e-4.
     update_weights : int, optional
-        Compute the weights anew from the current iterate every so many iterations, at least once before `tol` may end
-        the run (the paper's footnote 1: iterated
-        bilateral filter and nonlocal means); `weights` must be an object of :mod:`gpureg.weights`. The energy is then
-        that of the current weights, and may jump. Not with "certified".
+        Compute the weights from the current iterate each time after this number of iterations, at least once before
+        `tol` may end the run (footnote 1 of the paper: iterated bilateral filter and nonlocal means); `weights` must be
+        an object of :mod:`gpureg.weights`. The energy is that of the current weights, and may jump. Not with
+        "certified".
     initial : array, optional
-        Where to start, in the shape of `f0`; None starts at `f0`.
+        The initial iterate, in the shape of `f0`. None: `f0`.
     backend : str, default "auto"
         "auto", "numpy", "opencl", "warp", or a device such as "opencl:1". GPUREG_BACKEND overrides "auto".
     dtype : dtype, optional
-        Type to compute in: float32 (None) or float64.
+        Type to compute in: float32 (the default) or float64.
     callback : callable, optional
         Called with a :class:`gpureg.Check` before the first iteration and at every check; returning True stops the run.
     progress : bool, default False
-        Show a bar on the terminal's error stream.
+        Show a progress bar on the error stream of the terminal.
     memory : int, optional
-        Bytes that the job may take on the device. None: half of a CPU's memory, 90 percent of a GPU's. The environment
-        variable GPUREG_MEMORY, such as "4GiB", lowers either.
+        Bytes that the job may use on the device. None: half of a CPU's memory, 90 percent of a GPU's. The environment
+        variable GPUREG_MEMORY, such as "4GiB", can reduce this limit.
 
     Returns
     -------
     Result
-        The value in the shape of `f0` and the type computed in, and how it was reached. On a grid a job that does not
-        fit goes through in tiles, with a halo that makes the value the same to the bit; it reports no energies.
+        The value, in the shape of `f0` and the type computed in, and information about the run. A job on a grid that
+        does not fit into memory is done in tiles, with a halo that gives the same value bit for bit, but no energies.
 
     Raises
     ------
     ValueError, TypeError
-        An argument out of its range; the message says what was given and what is allowed.
+        An argument out of range; the message says what was given and what is allowed.
     BackendUnavailable
-        A backend or device that is not there.
+        A backend or device that is not available.
     FloatingPointError
         Values that are no longer finite.
     Interrupted
-        Ctrl-C during the iterations: a KeyboardInterrupt whose ``result`` holds the last whole iterate.
+        Ctrl-C during the iterations: a KeyboardInterrupt whose ``result`` has the last complete iterate.
     MemoryError
-        A job beyond `memory` or the device that cannot be cut into tiles, and why.
+        A job that exceeds `memory` or the device and cannot be cut into tiles; the message says why.
 
     Notes
     -----
-    Minimises 1/p sum_u |grad_w f(u)|^p + 1/2 sum_u lam(u) |f(u) - f0(u)|^2 (eq. 19, 20), with the gradient norm
-    smoothed by eps (eq. 15); for the edge norm the first term is 1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), each
-    difference smoothed likewise. For p < 1 the energy is not convex: the result is a local minimum, and which one
-    depends on the start (`initial`) and the solver. Nothing says how far it is from the lowest.
+    Minimises the energy (eq. 19, 20)::
+
+        1/p sum_u |grad_w f(u)|^p + 1/2 sum_u lam(u) |f(u) - f0(u)|^2
+
+    with the gradient norm smoothed by eps (eq. 15). For the edge norm the first term is
+    1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), with smoothed differences. For p < 1 the energy is not convex: the
+    result is a local minimum, which depends on `initial` and the solver, without a bound on the distance from the
+    global minimum.
 
     Examples
     --------
@@ -186,7 +189,7 @@ def regularize(
     threshold = None if tol is None else tol * (problem.data_range or 1.0)
     tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, update_weights)
     first = problem.f0 if start is None else start
-    # Numbers out of the type's range are found by the loop, which says so in a sentence.
+    # the loop reports overflow with a clear message
     with np.errstate(over="ignore", invalid="ignore"):
         if tiles is not None:
             return _in_tiles(
@@ -197,7 +200,7 @@ def regularize(
             outcome = run(
                 on_device,
                 method,
-                # a buffer of its own: the sweeps write over it
+                # a new buffer, because the sweeps overwrite it
                 on_device.put_function(first),
                 max_iter=max_iter,
                 tol=tol,
@@ -216,7 +219,7 @@ def as_run(
     callback: Callback | None,
     progress: bool,
 ) -> tuple[int, float | None, np.dtype[Any]]:
-    """Check how a run is done; iterations at most, tolerance and type, the solver's own where there is none."""
+    """Check the settings of a run; return max_iter, tol (the solver's defaults if None) and the type."""
     if callback is not None and not callable(callback):
         raise TypeError(f"callback must be callable, got {callback!r}")
     flag("progress", progress)
@@ -228,9 +231,9 @@ def as_run(
 
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
-    """What the caller gets of a run that began at this time; Interrupted if it was."""
+    """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted."""
     problem, course = outcome.problem, outcome.course
-    # an interruption may fall after the last check
+    # an interruption may come after the last check
     gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
     result = Result(
         value=as_given(problem.get_function(outcome.f), f0, graph),
@@ -260,7 +263,7 @@ def tiles_of(
     callback: Callback | None,
     update_weights: int | None,
 ) -> Tiling | None:
-    """How to cut a job that does not fit, None for one that does."""
+    """Choose tiles for a job that does not fit into memory; None if it fits."""
     m = problem.f0.shape[1]
     job = Job(
         channels=m,
@@ -282,7 +285,7 @@ def tiles_of(
             f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
         )
     assert isinstance(problem.graph, GridGraph)
-    # a block ends at every check and wherever weights are computed anew
+    # a block ends at every check and every update of the weights
     most = min(max_iter, method.check_every if tol is not None else max_iter, update_weights or max_iter)
     return tiling(problem.graph, job, device, allowed, lambda n: halo(problem, n), work_of(problem), most)
 
@@ -329,9 +332,9 @@ def _in_tiles(
 
 
 def as_given(value: FloatArray, f0: npt.ArrayLike, graph: Graph | GridGraph) -> npt.NDArray[Any]:
-    """A regularized function (n, m) in the shape of the data."""
+    """Return a regularized function (n, m) in the shape of the data."""
     if isinstance(graph, GridGraph) and graph.mask is not None:
-        # Vertices outside the mask come back as they came, NaN included.
+        # vertices outside the mask are returned unchanged, including NaN
         outside = ~graph.mask.ravel()
         value[outside] = np.asarray(f0).reshape(value.shape)[outside]
     return value.reshape(np.shape(f0))

@@ -1,8 +1,8 @@
-"""A job on a grid in tiles, with a halo so wide that the interior of each is what the whole gives, to the bit.
+"""Run a job on a grid in tiles, with a halo that gives the same values as the whole grid, bit for bit.
 
-n sweeps carry data over n neighbourhoods of reach k, and over n more where the gradient's norm enters (p != 2); weights
-look k' cells further. So a tile is widened by n k + k', or 2 n k + k'. Many sweeps run in blocks of n, between which
-the whole iterate is on the host. Weights are computed anew for each tile and block.
+n sweeps carry data over n neighbourhoods of radius k, and over n more if the gradient norm is needed (p != 2); weights
+need k' more cells. The halo of a tile is therefore n k + k', or 2 n k + k', cells wide. Sweeps run in blocks of n;
+between blocks the complete iterate is on the host. Weights are computed for each tile and block.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .tiling import Tile, Tiling, part_problem, without_halo
 def why_whole(
     problem: Problem, solver: Solver, *, callback: bool = False, update_weights: int | None = None
 ) -> str | None:
-    """Why a job cannot be cut into tiles, as a clause; None if it can."""
+    """Return the reason why a job cannot be cut into tiles, as a clause; None if it can."""
     if not isinstance(problem.graph, GridGraph):
         return "only a GridGraph is cut into tiles"
     if callback:
@@ -39,14 +39,12 @@ def why_whole(
     if solver.accelerate:
         return "accelerated sweeps mix iterates of the whole (give accelerate=False)"
     if solver.stop != "change":
-        return f"stop={solver.stop!r} is a question about the whole (stop='change' is not)"
+        return f"stop={solver.stop!r} needs the whole graph (stop='change' does not)"
     if solver.damping is None and problem.p > 2:
-        return (
-            "whether a sweep raised the energy is a question about the whole (give solver=gpureg.Jacobi(damping=...))"
-        )
+        return "whether a sweep raised the energy depends on the whole graph (give solver=gpureg.Jacobi(damping=...))"
     if solver.damping is None and not np.min(problem.lam) > 0:
         return (
-            "where lam is 0, whether a sweep has to be damped is a question about the whole graph "
+            "where lam is 0, whether a sweep has to be damped depends on the whole graph "
             "(give solver=gpureg.Jacobi(damping=...))"
         )
     if not isinstance(problem.gamma, str):
@@ -62,7 +60,7 @@ def why_whole(
 
 @dataclass
 class TiledOutcome:
-    """The last whole iterate (n, m), in the caller's variable, and how it was reached."""
+    """The last complete iterate (n, m), in the caller's variable, and information about the run."""
 
     value: FloatArray
     iterations: int
@@ -82,18 +80,15 @@ def run_in_tiles(
     update_weights: int | None,
     report: Callable[[int, int], None],
 ) -> TiledOutcome:
-    """What ``solvers.run`` does, tile by tile and without energies; `report` is told the tiles done, and of how many.
+    """Iterate as ``solvers.run`` from `initial`, (n, m), but tile by tile and without energies.
 
-    Raises
-    ------
-    FloatingPointError
-        Values that are no longer finite.
+    `report` is called with the number of tiles done and of all tiles. FloatingPointError: values are not finite.
     """
     grid = problem.graph
     assert isinstance(grid, GridGraph)
-    # What the solver would find out on the whole; a tile of it could come to another end.
+    # the damping depends on the whole graph, not on a tile
     solver = replace(solver, damping=1.0 if solver.damping is None else solver.damping)
-    # Blocks end where the whole would be looked at.
+    # blocks end at the checks
     ends = [max_iter]
     if threshold is not None:
         ends += range(solver.check_every, max_iter, solver.check_every)
@@ -101,7 +96,7 @@ def run_in_tiles(
         ends += range(update_weights, max_iter, update_weights)
     plan = list(_in_blocks(sorted(set(ends)), tiles.sweeps))
     current = initial.astype(backend.dtype, copy=False)
-    # In the device's variable once there was a block (DeviceProblem): it is brought back once, at the end.
+    # after the first block `current` is in the device's variable (DeviceProblem), until the end
     scale: FloatArray | None = None
     reference: FloatArray | None = None
     done, finished, stop, method = 0, 0, Stop.MAX_ITER, ""
@@ -139,7 +134,7 @@ def run_in_tiles(
             looks = threshold is not None and ((done + sweeps) % solver.check_every == 0 or done + sweeps == max_iter)
             after, change = block(sweeps, looks)
             current, done = after, done + sweeps
-            # as in the whole, not before the weights were computed anew once
+            # as without tiles, the weights must be updated once before the test counts
             anew_once = update_weights is None or done > update_weights
             if threshold is not None and looks and change <= threshold and anew_once:
                 stop = Stop.TOLERANCE
@@ -155,7 +150,7 @@ def run_in_tiles(
 
 
 def _in_blocks(ends: list[int], sweeps: int) -> Iterator[int]:
-    """Sweeps from 0 on in blocks, none of which goes beyond one of the ends."""
+    """Yield the numbers of sweeps of blocks that do not cross any of the ends."""
     done = 0
     for end in ends:
         while done < end:
@@ -183,7 +178,7 @@ def _sweeps(
     raw: bool,
     looks: bool,
 ) -> _Found:
-    """A block of sweeps on a tile; what is on the device goes when this returns."""
+    """Run a block of sweeps on a tile, from `start`, (n, m); memory on the device is freed on return."""
     on_device = DeviceProblem.put(part, backend, reference)
     f: Array = backend.put(part.graph, start) if raw else on_device.put_function(start)
     state = solver.start(on_device, f)
@@ -194,7 +189,7 @@ def _sweeps(
 
 
 def _change(a: FloatArray, b: FloatArray, scale: FloatArray | None, part: Problem, tile: Tile) -> float:
-    """Largest change in the caller's variable, as ``DeviceProblem.change`` finds it; infinity if there is a NaN."""
+    """Compute the largest change in the caller's variable, as ``DeviceProblem.change``; infinity for a NaN."""
     if scale is not None:
         own = without_halo(part.graph, scale, tile)
         a, b = (a / own).astype(a.dtype).astype(np.float64), (b / own).astype(b.dtype)

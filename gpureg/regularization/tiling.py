@@ -1,4 +1,4 @@
-"""Tiles of a grid graph: their sizes, halos and problems."""
+"""Cut a grid graph into tiles: their sizes, halos and problems."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..model.memory import Budget, Job, Need, readable
 from ..model.problem import Problem
 from ..weights import Weights, patch_weights
 
-# Sweeps between two exchanges that are tried, and work per vertex in units of an edge's part of a sweep: transfers,
-# a neighbour's weight computed here or on the device, and per row of a patch.
+# Candidates for the number of sweeps per block, and the work per vertex in units of one edge in a sweep: transfers,
+# the weight of a neighbour computed on the host or on the device, and each row of a patch.
 _BLOCKS = (1, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100)
 _TRANSFER, _HOST_WEIGHT, _WEIGHT, _PATCH_ROW = 40.0, 20.0, 2.0, 1.0
 
@@ -32,7 +32,7 @@ class Tile:
     own : tuple of slice
         Its interior, a slice along each axis.
     wide : tuple of slice
-        The same with the halo, which is computed as well.
+        The interior with the halo.
     """
 
     own: tuple[slice, ...]
@@ -40,7 +40,7 @@ class Tile:
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """The interior, counted inside the computed part."""
+        """The interior as slices of the tile with its halo."""
         return tuple(
             slice(own.start - wide.start, own.stop - wide.start) for own, wide in zip(self.own, self.wide, strict=True)
         )
@@ -53,25 +53,25 @@ class Tile:
 
 @dataclass(frozen=True)
 class Tiling:
-    """How a job is cut: the sweeps between two exchanges, the tiles, and how often a cell is computed on average."""
+    """The tiles of a job, and the number of sweeps per block."""
 
     sweeps: int
     tiles: tuple[Tile, ...]
 
     @property
     def waste(self) -> float:
-        """Cells computed over cells of the interiors."""
+        """How often a cell is computed on average: cells of the tiles over cells of their interiors."""
         own = sum(math.prod(s.stop - s.start for s in tile.own) for tile in self.tiles)
         return float(sum(math.prod(tile.shape) for tile in self.tiles) / own)
 
 
 def halo(problem: Problem, sweeps: int) -> tuple[int, ...]:
-    """Cells along each axis from which data reach a vertex in so many sweeps."""
+    """Return the distance along each axis, in cells, from which data reach a vertex in this number of sweeps."""
     assert isinstance(problem.graph, GridGraph)
     reach = np.abs(problem.graph.offsets).max(axis=0, initial=0)
     steps = sweeps * (1 if problem.p == 2 or problem.norm == "edge" else 2)
     if isinstance(problem.gamma, str) and problem.gamma in ("normalized", "degree"):
-        steps += 1  # a vertex's own factor is the sum of the weights around it
+        steps += 1  # the factor of a vertex is the sum of its weights
     further = problem.weights.reach if isinstance(problem.weights, Weights) else 0
     return tuple((steps * reach + further).tolist())
 
@@ -79,9 +79,9 @@ def halo(problem: Problem, sweeps: int) -> tuple[int, ...]:
 def cut(
     shape: tuple[int, ...], sizes: tuple[int, ...], halo: tuple[int, ...], blocks: tuple[int, ...]
 ) -> tuple[Tile, ...]:
-    """Tiles of at most these sizes, equal ones as far as can be.
+    """Cut a grid into tiles of at most these sizes, as equal as possible.
 
-    With its halo a tile begins at a multiple of the axis' block, where a device's sums come in blocks of cells.
+    With its halo a tile begins at a multiple of the block size of each axis, because devices sum in blocks of cells.
     """
     axes = []
     for length, size, wider, block in zip(shape, sizes, halo, blocks, strict=True):
@@ -105,9 +105,9 @@ def tiling(
     work: Callable[[int], float],
     most: int,
 ) -> Tiling:
-    """The cheapest way to cut a job, `most` sweeps in a block at most; `work` is what a vertex takes in n sweeps.
+    """Choose the cheapest tiles with at most `most` sweeps per block; `work` is the work per vertex of n sweeps.
 
-    Bands of rows along the first axis, or where these are too much, pieces along the second axis as well.
+    Tiles are bands of rows along the first axis; if these do not fit, they are cut along the second axis too.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def tiling(
                 cost = found.waste * work(sweeps) / sweeps
                 if best is None or cost < best[0]:
                     best = cost, found
-            # narrower pieces only cost more once bands are high beside their halo
+            # narrower tiles only cost more once bands are high compared to their halo
             if grid.ndim == 1 or own >= 8 * wider[0] or sizes[1] <= max(wider[1] // 2, 1):
                 break
             pieces *= 2
@@ -146,12 +146,12 @@ def tiling(
 
 
 def _blocks(ndim: int, backend: Backend) -> tuple[int, ...]:
-    """Cells along each axis at whose multiples a device may begin a step without stored weights anew."""
+    """Return the block sizes along each axis: a step without stored weights may begin at multiples of them."""
     return tuple((*[1] * ndim, backend.row_block, backend.column_block)[-ndim:])
 
 
 def _rows(grid: GridGraph, beside: int, job: Job, backend: Backend, budget: Budget) -> tuple[int, Need]:
-    """The most rows of tiles of this width that fit, and what one row needs."""
+    """Return the largest number of rows of tiles of this width that fit, and the memory that one row needs."""
 
     def need(rows: int) -> Need:
         shape = (rows, *((beside, *grid.shape[2:]) if grid.ndim > 1 else ()))
@@ -159,7 +159,7 @@ def _rows(grid: GridGraph, beside: int, job: Job, backend: Backend, budget: Budg
         return job.need(GridGraph(shape, grid.radius, grid.metric, spacing=grid.spacing, mask=mask), backend)
 
     least = need(1)
-    low, high = 0, grid.shape[0] + 1  # the most that fits lies in low..high - 1
+    low, high = 0, grid.shape[0] + 1  # the result is in low..high - 1
     if budget.holds(least):
         low = 1
     while low and high - low > max(1, low // 50):
@@ -172,7 +172,7 @@ def _rows(grid: GridGraph, beside: int, job: Job, backend: Backend, budget: Budg
 
 
 def work_of(problem: Problem, stored: bool = True) -> Callable[[int], float]:
-    """Work per vertex of n sweeps with their weights, in units of an edge's part of a sweep at p = 2."""
+    """Return the work per vertex of n sweeps and their weights, in units of one edge in a sweep at p = 2."""
     assert isinstance(problem.graph, GridGraph)
     K = float(2 * problem.graph.half_window)
     found = patch_weights(problem.weights)
@@ -185,7 +185,7 @@ def work_of(problem: Problem, stored: bool = True) -> Callable[[int], float]:
 
 
 def part_problem(problem: Problem, tile: Tile) -> Problem:
-    """The problem on a tile."""
+    """Return the problem on a tile with its halo."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     part = grid.part(tile.wide)
@@ -198,8 +198,8 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
         half = weights[:, *tile.wide]
         weights = np.zeros_like(half)
         for h, step in enumerate(part.forward_offsets):
-            start, _ = part.ends(step)  # an edge that leaves the tile is none
-            # a small tile may reach less far than the whole
+            start, _ = part.ends(step)  # edges that leave the tile are dropped
+            # a small tile may have fewer offsets than the grid
             plane = int(np.flatnonzero((grid.forward_offsets == step).all(axis=1))[0])
             weights[h][start] = half[plane][start]
         weights = weights[: part.half_window]
@@ -207,6 +207,6 @@ def part_problem(problem: Problem, tile: Tile) -> Problem:
 
 
 def without_halo(graph: object, f: FloatArray, tile: Tile) -> FloatArray:
-    """A function on a tile with its halo, (n, m), as that on the tile alone, shape + (m,)."""
+    """Return the part of a function on a tile with its halo, (n, m), that belongs to the interior, shape + (m,)."""
     assert isinstance(graph, GridGraph)
     return f.reshape(*graph.shape, f.shape[1])[tile.inner]

@@ -1,1 +1,1 @@
-"""Meshes and point clouds of any library as arrays, and back; curves, open or closed."""
+"""Convert meshes and point clouds of other libraries to arrays and back; find out whether curves are closed."""

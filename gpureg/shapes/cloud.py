@@ -1,4 +1,4 @@
-"""Convert point clouds of any library to an array of points, and back: :class:`Cloud`."""
+"""Convert point clouds of other libraries to an array of points, and back: :class:`Cloud`."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ KINDS = "an array (n, d), or a cloud of trimesh, PyVista or Open3D"
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points (n, d), and how to make a cloud of the kind they came in, with other points in the same order."""
+    """Points (n, d), and a function that makes a cloud of the input's type from other points in the same order."""
 
     points: FloatArray
     like: Callable[[FloatArray], Any]
 
 
 def cloud_of(points: Any) -> Cloud:
-    """Make a cloud of points of any kind that is known, and check it; a :class:`Cloud` comes back as it is.
+    """Convert points of a supported type to a cloud, and check it; a :class:`Cloud` is returned unchanged.
 
     Parameters
     ----------
@@ -31,15 +31,15 @@ def cloud_of(points: Any) -> Cloud:
     Raises
     ------
     TypeError, ValueError
-        Another kind of thing, points that are not finite, a mesh with faces.
+        Another type; points that are not finite; a mesh with faces.
     """
     if isinstance(points, Cloud):
         return points
     pyvista = hasattr(points, "point_data") and hasattr(points, "points")
-    # of the type: to ask a mesh for its normals would compute them
+    # asked of the type, because a mesh would compute its normals
     faces = len(getattr(points, "faces", ())) > 0 if pyvista else hasattr(type(points), "face_normals")
     if faces or len(getattr(points, "triangles", ())):
-        raise TypeError("this is a mesh with faces: gpureg.denoise_mesh is for it, or give its vertices alone")
+        raise TypeError("this is a mesh with faces: use gpureg.denoise_mesh, or give only its vertices")
     if pyvista:
         return Cloud(checked_points(points.points), lambda moved: _copied(points, "points", moved))
     if hasattr(points, "vertices") and hasattr(points, "copy"):  # trimesh
@@ -62,6 +62,6 @@ def _copied(cloud: Any, name: str, moved: FloatArray) -> Any:
 
 def _open3d(cloud: Any, moved: FloatArray) -> Any:
     copy = type(cloud)(cloud)
-    # its vectors are made of arrays by their own type
+    # Open3D makes its vectors from arrays
     copy.points = type(cloud.points)(moved)
     return copy

@@ -1,4 +1,4 @@
-"""Tell open from closed polygonal curves: :func:`ends_of`."""
+"""Find out whether polygonal curves are open or closed: :func:`ends_of`."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from ..checks import flag
 
 Why = Literal["given", "source", "repeated", "near", "apart", "few"]
 
-# The first point is repeated at the end if the last is no further from it than this, in mean segments.
+# The first point is repeated at the end if the distance from first to last is at most this, in mean segments.
 _SAME = 1e-6
-# A curve is closed if its ends are no further apart than so many times this quantile of its segments' lengths.
+# A curve is closed if the distance of its ends is at most this factor times this quantile of its segments' lengths.
 _NEAR, _QUANTILE = 2.0, 0.95
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Whether a polygonal curve is closed, and how that is known.
+    """Whether a polygonal curve is closed, and the reason.
 
     Attributes
     ----------
     closed : bool
         Whether the last vertex is joined to the first.
     repeated : bool
-        Whether the curve came with its first vertex repeated at the end, which is no vertex of its own.
+        Whether the input repeats the first vertex at the end; the copy does not count as a vertex.
     gap : float
-        The distance of the last vertex from the first, as they came.
+        The distance from the last vertex to the first in the input.
     why : {"given", "source", "repeated", "near", "apart", "few"}
-        What says so: the caller; the file's format; the first vertex repeated at the end; ends that are near each
-        other; ends that are apart; fewer vertices than a closed curve has.
+        The reason: the caller's choice; the file; the first vertex repeated at the end; ends near each other; ends far
+        apart; fewer vertices than a closed curve needs.
     """
 
     closed: bool
@@ -41,7 +41,7 @@ class Ends:
     why: Why
 
     def describe(self) -> str:
-        """Say whether the curve is closed and why, in a line."""
+        """Describe in one line whether the curve is closed, and why."""
         kind = "closed" if self.closed else "open"
         apart = f"its ends are {self.gap:.3g} apart"
         rule = f"{_NEAR:g} times the {100 * _QUANTILE:g} % quantile of the segments' lengths"
@@ -63,25 +63,25 @@ def ends_of(points: FloatArray, closed: bool | None = None) -> Ends:
     points : (n, d) float array
         The vertices in order, n >= 1.
     closed : bool, optional
-        What the caller says. None: closed if the first vertex is repeated at the end (to 1e-6 of the mean segment), or
-        if the distance of the ends is at most twice the 95 % quantile of the segments' lengths. Outlines seldom repeat
-        their first vertex. A curve of fewer than three vertices is open.
+        The caller's choice. None: closed if the first vertex is repeated at the end (to 1e-6 of the mean segment), or
+        if the distance of the ends is at most twice the 95 % quantile of the segments' lengths; many outlines do not
+        repeat the first vertex. A curve of fewer than three vertices is open.
 
     Raises
     ------
     TypeError
-        A `closed` that is neither True, False nor None.
+        `closed` is not True, False or None.
     """
     if closed is not None:
         closed = flag("closed", closed)
-    # what is not finite is refused elsewhere
+    # points that are not finite are refused elsewhere
     with np.errstate(invalid="ignore"):
         gap = float(np.linalg.norm(points[-1] - points[0]))
         segments = np.linalg.norm(np.diff(points, axis=0), axis=1)
     again = len(points) > 1 and gap <= _SAME * float(segments.mean())
     if closed is not None:
         return Ends(closed, closed and again, gap, "given")
-    # without the repeated one
+    # without the repeated vertex
     n = len(points) - again
     if n < 3:
         return Ends(False, False, gap, "few")

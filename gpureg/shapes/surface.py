@@ -1,4 +1,4 @@
-"""Convert triangle meshes of any library to vertices and faces, and back: :class:`Surface`."""
+"""Convert triangle meshes of other libraries to vertices and faces, and back: :class:`Surface`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, checked_faces, checked_points
 from ..graphs.of_shapes import face_edges
 
-# What makes a mesh of its kind of vertices, faces, and where the vertices come from: vertex i from number `kept[i]`.
+# A function that makes a mesh of the input's type from vertices, faces and `kept`: vertex i has the attributes of the
+# input vertex kept[i].
 Maker = Callable[[FloatArray, IntArray, IntArray], Any]
 
 KINDS = "(vertices, faces), or a mesh of trimesh, PyVista or Open3D"
@@ -20,34 +21,33 @@ KINDS = "(vertices, faces), or a mesh of trimesh, PyVista or Open3D"
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Vertices (n, 3) and triangles (F, 3), and how to make a mesh of the kind they came from."""
+    """Vertices (n, 3), triangles (F, 3), and a function that makes a mesh of the input's type."""
 
     vertices: FloatArray
     faces: IntArray
     make: Maker
 
     def like(self, vertices: FloatArray, faces: IntArray | None = None, kept: IntArray | None = None) -> Any:
-        """Make a mesh of the kind that came in.
+        """Make a mesh of the input's type.
 
         Parameters
         ----------
         vertices : (k, 3) float array
         faces : (F, 3) int array, optional
-            None: those that came in.
+            None: the faces of the input.
         kept : (k,) int array, optional
-            For each vertex, the one that came in whose attributes (colours and the like) it gets; None: they are the
-            same ones, in the same order.
+            The input vertex whose attributes (such as colours) each vertex gets. None: vertex i those of vertex i.
         """
         same = np.arange(len(self.vertices))
         return self.make(vertices, self.faces if faces is None else faces, same if kept is None else kept)
 
     def welded(self) -> tuple[Surface, IntArray]:
-        """Join vertices on the same point: return the surface, and which vertex each has become, (n,).
+        """Merge vertices at the same point; return the surface and the new index of each vertex, (n,).
 
-        Files such as STL repeat a vertex for each of its faces, others at the seams of textures: to a graph such
-        copies would be borders, along which the surface tears.
+        STL files repeat a vertex for each of its faces, other files at the seams of textures: in a graph the copies
+        would be borders, along which the surface tears.
         """
-        # equal points have equal sums; the other way round it is seldom so, and then they are compared
+        # equal points have equal sums; different points seldom do, and are then compared
         x, y, z = self.vertices.T
         sums = np.sort(x + np.sqrt(2) * y + np.sqrt(3) * z)
         if (sums[1:] != sums[:-1]).all():
@@ -55,7 +55,7 @@ class Surface:
         points, first, which = np.unique(self.vertices, axis=0, return_index=True, return_inverse=True)
         if len(points) == len(self.vertices):
             return self, np.arange(len(points))
-        # in the order in which they came first, so that meshes with the same faces still have the same
+        # in the order of their first copies, so that meshes with equal faces still have equal faces
         order = np.argsort(first)
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
@@ -64,18 +64,18 @@ class Surface:
 
 
 def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
-    """Make a surface of a mesh of any kind that is known, and check it; a :class:`Surface` comes back as it is.
+    """Convert a mesh of a supported type to a surface, and check it; a :class:`Surface` is returned unchanged.
 
     Parameters
     ----------
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
-        Or the vertices alone, and the faces as the second argument.
+        A mesh, or only its vertices, (n, 3), with `faces` as the second argument.
     faces : (F, 3) int array, optional
 
     Raises
     ------
     TypeError, ValueError
-        Another kind of thing, vertices that are not finite points of space, faces that are no triangles.
+        Another type; vertices that are not finite points in space; faces that are not triangles.
     """
     if isinstance(mesh, Surface) and faces is None:
         return mesh
@@ -93,9 +93,9 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
         raise ValueError(f"the vertices of a mesh must have shape (n, 3), got {points.shape}")
     corners = checked_faces(triangles, len(points))
     if corners.shape[1] != 3:
-        raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut others into triangles first")
+        raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut the faces into triangles first")
     if not len(corners):
-        raise ValueError("the mesh has no face; points alone are for gpureg.denoise_points")
+        raise ValueError("the mesh has no face; for points without faces use gpureg.denoise_points")
     return Surface(points, corners, make)
 
 
@@ -109,7 +109,7 @@ def _of_pair(mesh: Any) -> _Found | None:
 
 
 def _pair_like(dtype: np.dtype[Any]) -> Maker:
-    """Make pairs whose vertices keep their type, where it is one of floating point."""
+    """Make pairs whose vertices have the given type if it is a floating-point type, otherwise float64."""
     kind = dtype if dtype.kind == "f" else np.dtype(np.float64)
 
     def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
@@ -119,7 +119,7 @@ def _pair_like(dtype: np.dtype[Any]) -> Maker:
 
 
 def _of_trimesh(mesh: Any) -> _Found | None:
-    # of the type: to ask the mesh for its normals would compute them
+    # asked of the type, because a mesh would compute its normals
     if not hasattr(type(mesh), "face_normals") or not hasattr(mesh, "vertices"):
         return None
 
@@ -140,7 +140,7 @@ def _of_pyvista(mesh: Any) -> _Found | None:
     if not hasattr(mesh, "regular_faces") or not hasattr(mesh, "points"):
         return None
     if not mesh.is_all_triangles:
-        raise ValueError("the mesh has faces that are no triangles: call its triangulate() first")
+        raise ValueError("the mesh has faces that are not triangles: call its triangulate() first")
 
     def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
         if faces.shape == mesh.regular_faces.shape and np.array_equal(faces, mesh.regular_faces):
@@ -165,7 +165,7 @@ def _of_open3d(mesh: Any) -> _Found | None:
         copy.triangles = type(mesh.triangles)(faces.astype(np.int32))
         if mesh.has_vertex_colors():
             copy.vertex_colors = type(mesh.vertex_colors)(np.asarray(mesh.vertex_colors)[kept])
-        # those of the surface as it was
+        # the copy has the normals of the input
         if mesh.has_vertex_normals():
             copy.compute_vertex_normals()
         if mesh.has_triangle_normals():
@@ -176,7 +176,7 @@ def _of_open3d(mesh: Any) -> _Found | None:
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute the vector area of each triangle, (F, 3): along its normal, as long as its area."""
+    """Compute the vector area of each triangle, (F, 3): along its normal, with its area as length."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area: FloatArray = 0.5 * np.cross(b - a, c - a)
     return area
@@ -191,7 +191,7 @@ def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
-    """Find the vertices that lie on an edge of one face only, (n,) bool."""
+    """Find the vertices on an edge with only one face, (n,) bool."""
     edges = np.sort(face_edges(faces), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     border = np.zeros(n_vertices, bool)
@@ -200,7 +200,7 @@ def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
 
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute unit normals at the vertices, (n, 3): means over their faces by area; 0 where there is none."""
+    """Compute unit normals at the vertices, (n, 3): means over their faces weighted by area; 0 without a face."""
     from scipy import sparse
 
     corners = faces.ravel()

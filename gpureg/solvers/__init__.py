@@ -1,7 +1,6 @@
-"""Solvers: objects that hold settings only; one loop runs them all.
+"""Solvers: objects with settings only, all run by one loop.
 
-To add one: a file here with a frozen dataclass that has ``start``, ``advance`` and ``describe``, and its name in
-``SOLVERS``.
+To add a solver, add a frozen dataclass with ``start``, ``advance`` and ``describe``, and its name in ``SOLVERS``.
 """
 
 from __future__ import annotations
@@ -18,15 +17,7 @@ SOLVERS: dict[str, type[Solver]] = {"jacobi": Jacobi, "euler": Euler, "certified
 
 
 def resolve(solver: str | Solver) -> Solver:
-    """A solver from its name, with default settings, or the object itself.
-
-    Raises
-    ------
-    ValueError
-        An unknown name.
-    TypeError
-        Neither a name nor a solver.
-    """
+    """Return the solver of this name with default settings, or the given solver; raise an error for anything else."""
     if isinstance(solver, str):
         return SOLVERS[choice("solver", solver, SOLVERS)]()
     if not isinstance(solver, Solver):

@@ -1,4 +1,4 @@
-"""The minimiser, and how far the result can be from it."""
+"""Find the minimiser, with a bound on the error."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from .stopping import largest_value
 METHODS: dict[str, type[Solver]] = {"dual": Dual, "linear": Linear, "newton": Newton}
 
 
-# Iterations to go from which on Newton's method is the shorter way: at 512 x 512 it takes 3 to 5 s, as long as 300
-# iterations in numpy, and 2000 where they are compiled.
+# Newton's method takes over if more iterations than this are needed: at 512 x 512 it takes 3 to 5 s, as long as 300
+# iterations in numpy or 2000 compiled ones.
 _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
-# Machine epsilons of the largest value by which rounding moves an f that stands still: measured up to 2.
+# Machine epsilons of the largest value by which rounding changes a converged f: measured up to 2.
 _STILL = 4
-# Bytes of weights up to which the host is asked to make matrices of a graph.
+# Bytes of weights up to which matrices of a graph are made on the host.
 _HOST_EDGES = 1 << 28
 
 
 @dataclass(frozen=True)
 class _State(Generic[S]):
     method: Solver[S]
-    inner: S  # the method's own state
-    begun: int  # at which check of the course the method began
-    before: str = ""  # what came before it
+    inner: S  # the state of the method
+    begun: int  # the check of the course at which the method began
+    before: str = ""  # description of the method before it
     bound: float = -math.inf  # the highest dual energy so far
 
     @property
@@ -53,32 +53,31 @@ class _State(Generic[S]):
 @door
 @dataclass(frozen=True)
 class Certified(Solver[_State]):
-    """The minimiser for p >= 1 and lam > 0, to a duality gap that is measured.
+    """Find the minimiser for p >= 1 and lam > 0, with a computed duality gap.
 
     Parameters
     ----------
     tol : float, default 1e-4
         Stop once the gap is at most this share of the energy.
     method : {"auto", "dual", "linear", "newton"}, default "auto"
-        "linear": p = 2 alone, whose minimiser solves a linear system; conjugate gradients on the device, preconditioned
-        by cosines on a grid without mask and weights, if lam is a number, by the diagonal elsewhere. "dual":
-        accelerated proximal gradient steps on the dual problem, on the device. "newton": primal-dual Newton steps, few
-        and costly, on the host, with algebraic multigrid (pyamg).
-        "auto" begins with "linear" for p = 2, with "dual" otherwise, and goes on with "newton" where that would take
-        long (a small lam) and pyamg is installed.
+        "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
+        transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
+        proximal gradient steps on the dual problem, on the device. "newton": a few expensive primal-dual Newton steps
+        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual", and
+        changes to "newton" if that would be slow (for a small lam) and pyamg is installed.
 
     Raises
     ------
     TypeError, ValueError
-        A tol that is not >= 0, an unknown method. At use: p < 1, where minima are many, or a lam that is 0 somewhere.
+        A tol that is not >= 0; an unknown method. At use: p < 1, or a lam that is 0 somewhere.
 
     Notes
     -----
-    The gap is the energy of f minus the dual energy of a y on the edges (kernels/README.md, ``duality_gap``), which is
-    below every energy: so the gap bounds how far the energy of f is above the minimum, however f was found. As the
-    energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. What rounding may hide of the gap is part of it, p
-    machine epsilons of the energy, so that a smaller `tol` is out of reach: :attr:`gpureg.Stop.PRECISION` says so. At
-    p = 2 "linear" takes the gap from a residual, where rounding hides less.
+    The gap is the energy of f minus the dual energy of a function y on the edges (kernels/README.md, ``duality_gap``).
+    The dual energy is a lower bound on every energy, so that the gap bounds how far the energy of f is above the
+    minimum, for any f. As the energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. The gap includes a bound on
+    its rounding error, p machine epsilons of the energy: a smaller `tol` ends with :attr:`gpureg.Stop.PRECISION`. At
+    p = 2 "linear" computes the gap from a residual, with less rounding.
 
     Examples
     --------
@@ -102,7 +101,7 @@ class Certified(Solver[_State]):
         choice("method", self.method, ("auto", *METHODS))
 
     def accept(self, problem: Problem) -> None:
-        """ValueError unless the problem has one minimiser, and the method is made for it."""
+        """Raise ValueError unless the problem has one minimiser and the method supports it."""
         if problem.p < 1:
             raise ValueError(
                 f"solver='certified' needs p >= 1, got {problem.p:g}: below 1 the energy is not convex and can have "
@@ -117,45 +116,45 @@ class Certified(Solver[_State]):
             raise ValueError(f"method='linear' is for p = 2, got p = {problem.p:g}")
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """The state of the method that suits the problem."""
+        """Start the method for this problem."""
         method = self._first(problem.p)
         return _State(method, method.start(problem, initial), 0)
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """What the method does that comes first."""
+        """Return the memory that the first method needs."""
         return self._first(problem.p).keeps(problem)
 
     def _first(self, p: float) -> Solver:
         return METHODS[self.method if self.method != "auto" else "linear" if p == 2 else "dual"]()
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
-        """From where the method ended, if it is still one for the problem."""
+        """Continue from the last state of the method, if the method still supports the problem."""
         suits = isinstance(state.method, Linear) == (problem.p == 2) or self.method != "auto"
         if not suits or isinstance(state.method, Newton) != (self.method == "newton"):
             return self.start(problem, state.f)
         return _State(state.method, state.method.resume(problem, state.inner), 0)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """One iteration of the method."""
+        """Do one iteration of the method."""
         return replace(state, inner=state.method.advance(problem, state.inner))
 
     def next_check(self, state: _State, done: int) -> int:
-        """When the method says so."""
+        """Return the next check of the method."""
         return state.method.next_check(state.inner, done)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
-        """The method's gap; a method that would take long makes room for Newton's."""
+        """Compute the gap, and change to Newton's method if the current one would be slow."""
         energy = course.energies[-1]
         inner, gap = state.method.certify(problem, state.inner, course)
         assert gap is not None  # every method of METHODS has one
-        # no dual energy is above the minimum: the highest may be an earlier one
+        # every dual energy is a lower bound: use the highest so far
         gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)
         state = replace(state, inner=inner, bound=bound)
         if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
-            # a tolerance below the rounding of the gap is out of every method's reach
+            # no method can reach a tolerance below the rounding of the gap
             rounding = problem.p * float(np.finfo(backend.dtype).eps)
             within = course.tol is not None and course.tol > rounding
             if within and _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
@@ -165,14 +164,14 @@ class Certified(Solver[_State]):
         return state, gap
 
     def judge(self, problem: DeviceProblem, state: _State, course: Course) -> Stop | None:
-        """A gap within the tolerance, or one that rounding keeps from falling.
+        """Stop at a gap within the tolerance, or at one limited by rounding.
 
-        That is a gap which has not fallen by a fifth while the iterations doubled, at an f that hardly moves.
+        The latter has not fallen by a fifth while the iterations doubled, and f hardly changes.
         """
         gaps = [gap for gap in course.gaps if gap is not None]
         if course.tol is not None and gaps[-1] <= course.tol * course.energies[-1]:
             return Stop.GAP
-        # of this method alone
+        # only the checks of this method
         gaps, checks = gaps[state.begun :], course.checks[state.begun :]
         if not gaps:
             return None
@@ -184,12 +183,12 @@ class Certified(Solver[_State]):
         return None
 
     def describe(self, state: _State) -> str:
-        """What the method did."""
+        """Describe what the methods did."""
         return state.before + state.method.describe(state.inner)
 
 
 def _remaining(course: Course, gap: float) -> float:
-    """Iterations to go to the tolerance at the rate of the second half of those done."""
+    """Estimate the remaining iterations to the tolerance, from the rate of the second half of those done."""
     done = course.checks[-1]
     if done < 50 or not course.tol:
         return 0.0

@@ -1,12 +1,12 @@
-"""The dual problem by accelerated proximal gradient steps: any p >= 1, no smoothing needed.
+"""Solve the dual problem by accelerated proximal gradient steps: for any p >= 1, without smoothing.
 
-With y on the directed edges the minimiser is f = f0 - d*y / lam at the y that maximises
+The minimiser is f = f0 - d*y / lam for the function y on the directed edges that maximises
 
     D(y) = - sum_u phi*(|y(u, .)|) - 1/2 sum_u |d*y(u)|^2 / lam(u) + sum_u d*y(u) f0(u)
 
-with phi(t) = (t^2 + eps^2)^(p/2) / p (the edge norm: the conjugate of phi/2 on every edge). The second part is smooth,
-the first separable: Beck and Teboulle's FISTA (2009), begun anew whenever D falls (O'Donoghue and Candes 2015), which
-makes it linear where phi is smooth.
+with phi(t) = (t^2 + eps^2)^(p/2) / p (edge norm: the conjugate of phi/2 on every edge). The first part is separable and
+the rest smooth: FISTA (Beck and Teboulle 2009), restarted whenever D falls (O'Donoghue and Candes 2015), which makes
+the convergence linear where phi is smooth.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from .loop import Course, Solver
 @dataclass(frozen=True)
 class _State:
     f: Array  # f0 - d*y / lam
-    previous: Array  # of y_previous, to be overwritten by the next
+    previous: Array  # the f of y_previous; the next step overwrites it
     y: Array
     y_previous: Array
-    p: float  # for which y is a dual variable
+    p: float  # y is a dual variable for this p
     sigma: float
-    t: float = 1.0  # of the momentum
+    t: float = 1.0  # momentum
     dual: float = -math.inf  # D at the last check
     restarts: int = 0
 
@@ -40,11 +40,11 @@ class Dual(Solver[_State]):
     """FISTA on the dual problem."""
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """The start, and two functions on the edges."""
+        """Return the memory needed: the start, and two functions on the edges."""
         return 1, 2
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """From y = 0, or from the slopes of `initial` where these are better."""
+        """Start from y = 0, or from the slopes of `initial`, (n, m), if these are better."""
         backend, weighted, m = problem.backend, problem.weighted, problem.channels
         y, y_previous = (backend.empty_edges(weighted.graph, m) for _ in range(2))
         f, previous = backend.empty(weighted.graph, m), backend.empty(weighted.graph, m)
@@ -56,17 +56,17 @@ class Dual(Solver[_State]):
         return _State(f, previous, y, y_previous, problem.p, sigma)
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
-        """From the dual variable that there is; for p = 1, which wants it in the unit ball, it must be one of p = 1."""
+        """Continue from the last y; for p = 1, which needs y in the unit ball, only if it was computed for p = 1."""
         if problem.p == 1 != state.p:
             return self.start(problem, state.f)
         backend, weighted = problem.backend, problem.weighted
         backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
         backend.copy(weighted.graph, state.f, out=state.previous)
-        # with beta = 0 in the first step, y_previous does not count
+        # the first step has beta = 0 and does not use y_previous
         return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """A proximal step on y and the f that belongs to it, into the buffers of the iterates before the last."""
+        """Do a proximal step on y and compute its f, into the buffers of the second last iterates."""
         backend, weighted = problem.backend, problem.weighted
         t = (1 + math.sqrt(1 + 4 * state.t**2)) / 2
         backend.dual_step(
@@ -83,7 +83,7 @@ class Dual(Solver[_State]):
         return replace(state, f=state.previous, previous=state.f, y=state.y_previous, y_previous=state.y, t=t)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
-        """The duality gap; a D that has fallen since the last check ends the momentum."""
+        """Compute the duality gap; reset the momentum if D has fallen since the last check."""
         energy = course.energies[-1]
         gap = duality_gap(problem, state.f, state.y, energy)
         dual = energy - gap
@@ -91,31 +91,31 @@ class Dual(Solver[_State]):
         return replace(state, dual=dual, t=1.0 if fallen else state.t, restarts=state.restarts + fallen), gap
 
     def next_check(self, state: _State, done: int) -> int:
-        """A tenth further, so that looking costs a tenth at most."""
+        """Return a check after a tenth more iterations, so that checks cost at most a tenth."""
         return done + max(10, done // 10)
 
     def describe(self, state: _State) -> str:
-        """The process, and how often it began anew."""
+        """Describe the process, and its number of restarts."""
         again = f", begun anew {state.restarts} time(s)" if state.restarts else ""
         return f"Accelerated proximal gradient on the dual problem, step {state.sigma:.6g}{again}"
 
 
 def hidden(problem: DeviceProblem, energy: float) -> float:
-    """What rounding may hide of a gap: p machine epsilons of the energy.
+    """Return a bound on the rounding error of a gap: p machine epsilons of the energy.
 
-    The largest terms of the gap, <y, df>, sum up to p times the smoothness of f. Measured in float32, for p = 1 to 8 on
+    The largest terms of the gap, <y, df>, sum to p times the smoothness of f. Measured in float32 for p = 1 to 8 on
     every device: 0.13 machine epsilons.
     """
     return problem.p * float(np.finfo(problem.backend.dtype).eps) * energy
 
 
 def duality_gap(problem: DeviceProblem, f: Array, y: Array, energy: float) -> float:
-    """The gap between f, whose energy is given, and y, with what rounding may hide of it.
+    """Compute the gap of f, (n, m), with this energy, and y on the edges, plus a bound on its rounding error.
 
     Raises
     ------
     FloatingPointError
-        A gap further below 0 than that: powers under- or overflow in the type.
+        A negative gap beyond rounding: powers underflow or overflow in the type.
     """
     gap = problem.duality_gap(f, y)
     rounding = hidden(problem, energy)
@@ -128,7 +128,7 @@ def duality_gap(problem: DeviceProblem, f: Array, y: Array, energy: float) -> fl
 
 
 def step_size(problem: DeviceProblem) -> float:
-    """1/(4 max_u sum_v gamma(u, v)^2 / lam(u)) over the vertices that move: at most 1/|d lam^(-1/2)|^2.
+    """Compute the step 1/(4 max_u sum_v gamma(u, v)^2 / lam(u)), which is at most 1/|d lam^(-1/2)|^2.
 
     |d x|^2 = sum over the directed edges of (gamma_vu x(v) - gamma_uv x(u))^2 <= 4 sum_u x(u)^2 sum_v gamma_uv^2.
     """
@@ -142,10 +142,10 @@ def step_size(problem: DeviceProblem) -> float:
 def _from_slopes(
     problem: DeviceProblem, initial: Array, y: Array, other: Array, f: Array, sigma: float
 ) -> tuple[Array, Array, Array]:
-    """The dual variable that a function's own slopes give, or y = 0, whichever has the smaller gap; with its f."""
+    """Return y from the slopes of `initial`, (n, m), or y = 0, whichever has the smaller gap; a buffer; and its f."""
     backend, weighted = problem.backend, problem.weighted
     without = problem.duality_gap(f, y)
-    # Far out a proximal step lands on the slope itself; 100 steps are far, and leave digits.
+    # a long proximal step ends at the slope; 100 step lengths are long enough and keep enough digits
     backend.dual_step(weighted, y, other, initial, initial, problem.model, beta=0.0, sigma=100 * sigma)
     y, other = other, y
     backend.primal(weighted, y, problem.f0, problem.lam, out=f)

@@ -1,4 +1,4 @@
-"""The explicit Euler process of the paper, eq. 24, with a step that is known to be stable."""
+"""The explicit Euler process of the paper, eq. 24, with a stable step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .stopping import LOCAL, Process, ProcessState
 
 @dataclass(frozen=True)
 class _State(ProcessState):
-    tau: float | Array  # the step; (n, 1) on the device where gamma has a factor of the vertex's own
+    tau: float | Array  # the step; (n, 1) on the device if gamma has a factor per vertex
     step: float
     bound: float
 
@@ -31,31 +31,32 @@ class Euler(Process[_State]):
     Parameters
     ----------
     step : float, optional
-        tau > 0. None takes half of the bound below.
+        tau > 0. None: half of the bound below.
     check_every : int, default 10
-        Steps between two looks at energy and change, which read back from the device.
+        Steps between two checks of energy and change, which read from the device.
     stop : {"change", "error", "gradient", "energy"}, default "change"
     tol : float, optional
-        What the tolerance is of, and the tolerance, as in :class:`gpureg.Jacobi`.
+        The stop test and its tolerance, as in :class:`gpureg.Jacobi`.
 
     Raises
     ------
     TypeError, ValueError
-        A step that is not > 0, a check_every that is no integer >= 1, an unknown stop, a tol that is not >= 0. At use,
-        for p = 2: a step beyond 2/mu, mu the largest eigenvalue of lam + Laplacian, with which the process diverges.
+        A step that is not > 0; a check_every that is not an integer >= 1; an unknown stop; a tol that is not >= 0. At
+        use, for p = 2: a step above 2/mu, mu the largest eigenvalue of lam + Laplacian, with which the process
+        diverges.
 
     Warns
     -----
     RuntimeWarning
-        For p other than 2: a step beyond the bound, with which the energy may rise.
+        For p other than 2: a step above the bound, with which the energy may rise.
 
     Notes
     -----
-    With A the matrix of the frozen conductances, a step of at most 2/mu_max(A) does not raise the energy for p <= 2.
-    x'Ax <= sum_u (lam(u) + 2 alpha(u)) x(u)^2, alpha(u) the sum of the alpha of eq. 25, and a conductance is at most
-    c = eps^(p - 2), 1 at p = 2; hence the bound 2/max_u(lam(u) + 4 c sum_v gamma(u, v)^2), with 2 c for the edge norm.
-    For p > 2 the conductances are bounded through the range of the data, which half the bound keeps. A small eps makes
-    the bound small for p < 2: Gauss-Jacobi, whose step is a vertex's own, is faster there.
+    Let A be the matrix with fixed conductances. For p <= 2 a step of at most 2/mu_max(A) does not raise the energy.
+    x'Ax <= sum_u (lam(u) + 2 alpha(u)) x(u)^2, with alpha(u) the sum of the alpha of eq. 25, and conductances are at
+    most c = eps^(p - 2), 1 at p = 2. This gives the bound 2/max_u(lam(u) + 4 c sum_v gamma(u, v)^2), with 2 c for the
+    edge norm. For p > 2 conductances are bounded by the range of the data, which half the bound preserves. For p < 2 a
+    small eps makes the bound small: Gauss-Jacobi, with a step per vertex, is faster.
 
     Examples
     --------
@@ -75,7 +76,7 @@ class Euler(Process[_State]):
         self.check()
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """State before the first step, once the step is known to be stable."""
+        """Check that the step is stable; return the state before the first step, from `initial`, (n, m)."""
         backend, graph = problem.backend, problem.weighted.graph
         degree, lam = _variable(problem)
         bound = stable_step(problem, initial, degree, lam)
@@ -90,25 +91,25 @@ class Euler(Process[_State]):
                     RuntimeWarning,
                     stacklevel=2,
                 )
-        # g = s f takes steps s^2 as long: eq. 24 is about f.
+        # steps of g = s f are s^2 times as long, because eq. 24 is for f
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
         empty, test = backend.empty(graph, problem.channels), self.test(problem, initial)
         return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step, bound)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """One step, into the buffer of the iterate before the last."""
+        """Do one step, into the buffer of the second last iterate."""
         g = problem.conductances(state.f, state.g)
         problem.backend.euler_step(problem.weighted, state.f, problem.f0, g, problem.lam, state.tau, out=state.previous)
         return replace(state, f=state.previous, previous=state.f)
 
     def describe(self, state: _State) -> str:
-        """The process, its step, and the bound."""
+        """Describe the process, its step and the bound."""
         known = f"step {state.step:.6g}, where {state.bound:.6g} is known to be stable"
         return f"Explicit Euler (eq. 24), {known}{LOCAL if state.local else ''}"
 
 
 def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
-    """Sum of gamma(u, v)^2 around each vertex, and lam, both (n,)."""
+    """Return the sum of gamma(u, v)^2 over the neighbours of each vertex, and lam, both (n,)."""
     n = problem.weighted.graph.n_vertices
     degree = problem.backend.get(problem.weighted.graph, problem.backend.degree(problem.weighted))[:, 0]
     degree = degree.astype(np.float64)
@@ -118,7 +119,7 @@ def _variable(problem: DeviceProblem) -> tuple[FloatArray, FloatArray]:
 
 
 def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam: FloatArray) -> float:
-    """The largest step that is known not to raise the energy; infinity where nothing moves."""
+    """Return a bound on steps that do not raise the energy; infinity if nothing moves; `degree` and `lam` are (n,)."""
     p, eps, free = problem.p, problem.eps, np.isfinite(lam)
     # a conductance of the vertex norm is the sum of two
     ends = 1 if problem.edge_norm else 2
@@ -126,10 +127,10 @@ def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam:
         conductance = 1.0 if p == 2 else eps ** (p - 2)
         return _reciprocal(2, lam[free] + 2 * ends * conductance * degree[free])
     if problem.weighted.directed:
-        # No maximum principle, but the energy does not rise: (d^2 + eps^2)^(p/2) <= p E at every vertex and edge.
+        # no maximum principle, but the energy does not rise: (d^2 + eps^2)^(p/2) <= p E at every vertex and edge
         conductance = (p * problem.energy(initial)) ** ((p - 2) / p)
     else:
-        # The values stay in their range, in the variable s f of the device.
+        # the values stay in their range, in the device's variable s f
         graph = problem.weighted.graph
         both = np.stack([problem.backend.get(graph, x).astype(np.float64) for x in (initial, problem.f0)])
         widths = np.ptp(both, axis=(0, 1)) ** 2
@@ -137,7 +138,7 @@ def stable_step(problem: DeviceProblem, initial: Array, degree: FloatArray, lam:
         square = largest * float(widths.sum() if problem.coupled else widths.max())
         conductance = (square + eps**2) ** ((p - 2) / 2)
     alpha = ends * conductance * degree[free]
-    # the second keeps the range
+    # the second bound preserves the range
     return min(_reciprocal(2, lam[free] + 2 * (p - 1) * alpha), _reciprocal(1, lam[free] + alpha))
 
 
@@ -147,7 +148,7 @@ def _reciprocal(numerator: float, values: FloatArray) -> float:
 
 
 def _expect_stable(problem: DeviceProblem, step: float, bound: float, lam: FloatArray) -> None:
-    """ValueError if a step is beyond 2/mu, mu the largest eigenvalue of lam + Laplacian on the vertices that move."""
+    """Raise ValueError if step > 2/mu, mu the largest eigenvalue of lam + Laplacian on the vertices not pinned."""
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
     backend, weighted = problem.backend, problem.weighted
@@ -161,12 +162,12 @@ def _expect_stable(problem: DeviceProblem, step: float, bound: float, lam: Float
         flow = backend.get(graph, backend.p_laplacian(weighted, backend.put(graph, (scale * inside)[:, None]), g))
         return np.where(free, scale * flow[:, 0] + np.where(free, lam, 0) * inside, 0)
 
-    if n < 3:  # Lanczos needs room
+    if n < 3:  # too small for Lanczos
         largest = float(np.linalg.eigvalsh(np.stack([apply(e) for e in np.eye(n)])).max())
     else:
         operator = LinearOperator((n, n), matvec=apply, dtype=np.float64)
         try:
-            # A Ritz value is never above the eigenvalue: what it calls unstable is.
+            # a Ritz value is never above the eigenvalue: a step found unstable is unstable
             start = np.random.default_rng(1).standard_normal(n)
             found = eigsh(operator, k=1, which="LA", tol=1e-4, v0=start, return_eigenvectors=False)
         except ArpackNoConvergence:

@@ -14,17 +14,17 @@ from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
 from .stopping import LOCAL, Process, ProcessState
 
-# A sweep that still raises the energy after so many halvings is left out: what is left is rounding.
+# A sweep that still raises the energy after this number of halvings is skipped: the rest is rounding.
 _HALVINGS = 30
 
 
 @dataclass(frozen=True)
 class _State(ProcessState):
     theta: float
-    why: str  # what theta is there for, "" where it is 1
-    energy: float | None  # of f, where a sweep that raises it is taken back
+    why: str  # the reason for theta, "" if it is 1
+    energy: float | None  # of f, if sweeps that raise it are shortened
     anderson: Anderson | None
-    halved: int = 0  # how often a sweep was taken back
+    halved: int = 0  # how often a sweep was shortened
 
 
 @door
@@ -35,54 +35,54 @@ class Jacobi(Process[_State]):
     Parameters
     ----------
     damping : float, optional
-        theta in (0, 1]: f + theta (J(f) - f) instead of J(f). None takes 1, the paper's process, but 1/(p - 1) for
-        p > 2, where the plain sweep can diverge, halved in a sweep that would raise the energy, and 1/2 where lam = 0
-        on a bipartite part of the graph (such as the 4-adjacency graph), on which the plain sweep can swing between two
-        states for ever. ``Result.method`` says which; ``damping=1`` is the plain sweep in all cases.
+        theta in (0, 1]: f + theta (J(f) - f) instead of J(f). None: 1, the paper's process, except in two cases. For
+        p > 2, where the plain sweep can diverge, 1/(p - 1), halved in a sweep that would raise the energy. With lam = 0
+        on a bipartite part of the graph (such as the 4-adjacency graph), where the plain sweep can oscillate between
+        two states for ever, 1/2. ``Result.method`` says which; ``damping=1`` is the plain sweep in all cases.
     check_every : int, default 10
-        Sweeps between two looks at energy and change, which read back from the device.
+        Sweeps between two checks of energy and change, which read from the device.
     accelerate : bool, default False
-        Anderson's acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, accepted only where its
-        energy is not above that of the iterate before; otherwise it is the sweep, and older sweeps are forgotten. Far
-        fewer iterations where the plain process is slow (small lam or eps), a half to a third elsewhere; an iteration
-        takes several times as long as a sweep over few neighbours, and 23 functions more are held on the device.
+        Anderson acceleration: every fourth iterate is a mix of 11 sweeps of the last 44, accepted only if its energy is
+        not above that of the previous iterate; otherwise it is the sweep, and older sweeps are dropped. It needs far
+        fewer iterations if the plain process is slow (small lam or eps), otherwise a half to a third; an iteration
+        takes several times as long as a sweep over few neighbours, and 23 more functions are stored on the device.
     stop : {"change", "error", "gradient", "energy"}, default "change"
-        What the tolerance is of. "change": the largest change of a value in an iteration, as a share of the data's
-        range; the distance from the limit can be far larger (800 times at lam = 0.01 on 4-adjacency). "error": the
-        estimated distance from the limit, as a share of the range: what is still to come if changes go on to shrink at
-        the rate observed over the last checks, of which it takes three; not with `accelerate`, which has no such rate.
-        "gradient": the norm of the energy's gradient, as a share of that at the start; where p >= 1 and lam > 0
-        everywhere ``Result.gap`` then bounds how far the energy is above its minimum. "energy": the change of the
-        energy per iteration since the last check, as a share of the energy.
+        The stop test. "change": the largest change of a value in an iteration, as a share of the data's range; the
+        distance from the limit can be far larger (800 times at lam = 0.01 on 4-adjacency). "error": the estimated
+        distance from the limit, as a share of the range, if changes go on to decrease at the rate of the last checks;
+        it needs three checks, and does not work with `accelerate`, which has no such rate. "gradient": the norm of the
+        energy's gradient, as a share of that at the start; for p >= 1 and lam > 0 everywhere ``Result.gap`` then bounds
+        how far the energy is above its minimum. "energy": the change of the energy per iteration since the last check,
+        as a share of the energy.
     tol : float, optional
-        The tolerance where :func:`gpureg.regularize` is given none. None: no test.
+        The tolerance if :func:`gpureg.regularize` is called without `tol`. None: no test.
 
     Raises
     ------
     TypeError, ValueError
-        A damping outside (0, 1], a check_every that is no integer >= 1, an accelerate that is no bool, an unknown stop,
-        "error" with `accelerate`, a tol that is not >= 0.
+        A damping outside (0, 1]; a check_every that is not an integer >= 1; an accelerate that is not a bool; an
+        unknown stop; "error" with `accelerate`; a tol that is not >= 0.
 
     Notes
     -----
-    For 0 < p <= 2 and eps > 0 one sweep with damping 1 never raises the eps-smoothed energy. For p > 2 the damping
-    1/(p - 1) is enough near the minimiser but not everywhere, so that by default every sweep's energy is looked at, at
-    the price of one more pass over the edges. With `accelerate` no iteration raises the energy, whatever p and damping,
-    by more than its rounding.
+    For 0 < p <= 2 and eps > 0 a sweep with damping 1 never raises the eps-smoothed energy. For p > 2 the damping
+    1/(p - 1) is enough near the minimiser but not everywhere: by default the energy is computed after every sweep, at
+    the cost of one more pass over the edges. With `accelerate` no iteration raises the energy by more than its
+    rounding, for any p and damping.
 
-    For p >= 1, lam > 0 and eps > 0 there is one minimiser, where the default goes from everywhere. For p < 1 the
-    energy is not convex: the result is a local minimum, which one depends on the start (`initial`, by default the
-    data), and with `accelerate` it can be another than without.
+    For p >= 1, lam > 0 and eps > 0 the default converges to the only minimiser from any start. For p < 1 the energy is
+    not convex: the result is a local minimum, which depends on the start (`initial`, by default the data) and on
+    `accelerate`.
 
-    The gap of "gradient" is sum_u |gradient(u)|^2/(2 lam(u)), the energy being lam-strongly convex. A limit that
-    floating-point numbers do not resolve ends "error" with ``Stop.ROUNDING``.
+    The gap of "gradient" is sum_u |gradient(u)|^2/(2 lam(u)), as the energy is lam-strongly convex. "error" ends with
+    ``Stop.ROUNDING`` if the limit is not reached because of rounding.
 
     Examples
     --------
     >>> Jacobi(check_every=5)
     Jacobi(damping=None, check_every=5, accelerate=False, stop='change', tol=None)
 
-    The same limit, until the gradient has fallen to 1e-8 of what it was:
+    The same limit, until the gradient has fallen to 1e-8 of its first norm:
 
     >>> import numpy as np, gpureg as gr
     >>> f0 = np.array([0, 0, 0.3, 0, 1, 1, 0.8, 1])
@@ -114,12 +114,12 @@ class Jacobi(Process[_State]):
             )
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """What the test needs, and sweeps to mix: residuals and images, and a place for the mix."""
+        """Return the memory needed: that of the test, residuals and images of the sweeps, and a buffer for the mix."""
         functions, edges = super().keeps(problem)
         return functions + (2 * (MEMORY + 1) + 1 if self.accelerate else 0), edges
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """State before the first sweep."""
+        """Return the state before the first sweep, from `initial`, (n, m)."""
         theta, why = self.damping, "as asked for"
         if theta is None and problem.p > 2:
             theta, why = 1 / (problem.p - 1), "1/(p - 1): beyond p = 2 the plain sweep can diverge"
@@ -136,7 +136,7 @@ class Jacobi(Process[_State]):
         return _State(initial, empty, problem.scratch(), test, local, theta, why, energy, anderson)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """One sweep, into the buffer of the iterate before the last, or a mix of the last sweeps."""
+        """Do one sweep, into the buffer of the second last iterate, or make a mix of the last sweeps."""
         self._sweep(problem, state, state.theta)
         anderson = state.anderson
         if anderson is not None:
@@ -147,7 +147,7 @@ class Jacobi(Process[_State]):
                 return replace(state, f=mix, previous=state.f, anderson=anderson, energy=energy)
         energy, halved = state.energy, 0
         if state.energy is not None:
-            # J(f) - f is a direction of descent: a short enough step lowers the energy, if by more than its rounding.
+            # J(f) - f is a descent direction: a short enough step lowers the energy, up to rounding
             allowed = state.energy * (1 + 8 * float(np.finfo(problem.backend.dtype).eps))
             energy = problem.energy(state.previous)
             while not energy <= allowed and halved < _HALVINGS:
@@ -171,7 +171,7 @@ class Jacobi(Process[_State]):
         )
 
     def describe(self, state: _State) -> str:
-        """The process, its damping, what became of the mixes, and what the result is where minima are many."""
+        """Describe the process, its damping, its mixes, and for p < 1 the kind of result."""
         damped = f", damped by theta = {state.theta:.6g} ({state.why})" if state.why else ""
         shortened = f", {state.halved} sweep(s) shortened so as not to raise the energy" if state.halved else ""
         mixed = f", {state.anderson.describe()}" if state.anderson is not None else ""

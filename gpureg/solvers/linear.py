@@ -1,7 +1,7 @@
-"""p = 2: the linear system (lam + Laplacian) f = lam f0, by preconditioned conjugate gradients on the device.
+"""Solve p = 2, the linear system (lam + Laplacian) f = lam f0, by conjugate gradients on the device.
 
-eq. 20 counts every edge from both ends, so that with gamma = sqrt(w) the matrix is lam I + 2 L; with the edge norm
-lam I + L. The gap is |lam (f - f0) + Laplacian f|^2 / (2 lam), summed up.
+Eq. 20 counts every edge from both ends: with gamma = sqrt(w) the matrix is lam I + 2 L, with the edge norm lam I + L.
+The gap is the sum of |lam (f - f0) + Laplacian f|^2 / (2 lam).
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ class _State:
     residual: Array
     direction: Array
     scratch: Array
-    rz: float  # residual . preconditioned residual, of the step before; 0: there is none
+    rz: float  # residual . preconditioned residual of the previous step; 0 before the first
 
 
 @dataclass(frozen=True)
 class _Diagonal:
-    """The matrix's diagonal as its stand-in."""
+    """The diagonal of the matrix as the preconditioner."""
 
     values: Array
     name: ClassVar[str] = "its diagonal"
 
     def solve(self, problem: DeviceProblem, r: Array) -> tuple[Array, float | Array]:
-        """The numerator and the denominator of r / diagonal: the backends divide as they go."""
+        """Return the numerator, (n, m), and the denominator of r / diagonal: the backends do the division."""
         return r, self.values
 
 
 @dataclass(frozen=True)
 class _Cosines:
-    """The matrix of the grid that goes on beyond its border, reflected: cosines are its eigenvectors.
+    """The matrix of the grid reflected at its border as the preconditioner: its eigenvectors are cosines.
 
-    It is the grid's own matrix where neighbours lie along the axes; otherwise that and some edges along the border.
+    It is the matrix of the grid if all neighbours lie along the axes; otherwise it has additional edges at the border.
     """
 
     eigenvalues: FloatArray
@@ -56,7 +56,7 @@ class _Cosines:
 
     @classmethod
     def of(cls, graph: GridGraph, lam: float) -> _Cosines:
-        """For w = 1: lam + 4 sum over the forward offsets d of (1 - prod_a cos(pi i_a d_a / n_a))."""
+        """Compute the eigenvalues for w = 1: lam + 4 sum_d (1 - prod_a cos(pi i_a d_a / n_a)), d forward offsets."""
         total: FloatArray = np.full((*graph.shape, 1), lam)
         steps, counts = np.unique(np.abs(graph.forward_offsets), axis=0, return_counts=True)
         for step, count in zip(steps, counts, strict=True):
@@ -65,7 +65,7 @@ class _Cosines:
         return cls(total)
 
     def solve(self, problem: DeviceProblem, r: Array) -> tuple[Array, float | Array]:
-        """By DCT-II on the host."""
+        """Solve by DCT-II on the host; return the solution, (n, m), and 1."""
         from scipy import fft
 
         backend, graph, shape = problem.backend, problem.weighted.graph, self.eigenvalues.shape
@@ -77,7 +77,7 @@ class _Cosines:
 
 @dataclass(frozen=True)
 class _System:
-    """A f = lam f0 with the matrix of the vertex norm: the edge norm's is half of it with twice the fidelity."""
+    """A f = lam f0 with the matrix of the vertex norm; for the edge norm half of it, with twice the fidelity."""
 
     lam: float | Array
     preconditioner: _Diagonal | _Cosines
@@ -98,35 +98,35 @@ class _System:
         return cls(lam, _Diagonal(backend.put(graph, fidelity + 2 * degree)), share)
 
     def residual(self, problem: DeviceProblem, f: Array, out: Array) -> Array:
-        """The right-hand side lam f0 minus A f."""
+        """Compute lam f0 - A f, (n, m)."""
         backend, weighted = problem.backend, problem.weighted
         backend.gradient(weighted, f, problem.f0, None, self.lam, out=out)
         return backend.combine(weighted.graph, -1.0, out, 0.0, out, out=out)
 
     def gap(self, problem: DeviceProblem, residual: Array) -> float:
-        """What the residual says of the energy, in the problem's own units."""
+        """Compute the gap from the residual, (n, m), in the units of the problem's energy."""
         return self.share * problem.backend.dot(problem.weighted.graph, residual, residual, over=self.lam) / 2
 
 
 @dataclass(frozen=True)
 class Linear(Solver[_State]):
-    """Conjugate gradients, preconditioned by cosines on a grid that is the same everywhere, else by the diagonal."""
+    """Conjugate gradients, preconditioned by cosine transforms on a uniform grid, otherwise by the diagonal."""
 
     patience = 50
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """The start, residual, direction, preconditioner, what it gives, and scratch memory."""
+        """Return the memory needed: start, residual, direction, preconditioner, its output, and scratch memory."""
         return 6, 0
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """State before the first step."""
+        """Return the state before the first step, from `initial`, (n, m)."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
         f, previous, residual, direction, scratch = (backend.empty(graph, m) for _ in range(5))
         backend.copy(problem.weighted.graph, initial, out=f)
         return _begun(problem, _State(f, previous, _System.of(problem), residual, direction, scratch, 0.0))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """One step of conjugate gradients."""
+        """Do one step of conjugate gradients."""
         backend, weighted, system = problem.backend, problem.weighted, state.system
         z, over = system.preconditioner.solve(problem, state.residual)
         rz = backend.dot(weighted.graph, state.residual, z, over=over)
@@ -140,31 +140,31 @@ class Linear(Solver[_State]):
         return replace(state, f=state.previous, previous=state.f, rz=rz)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
-        """The gap of the true residual; one that has drifted off the recursion's begins the recursion anew."""
+        """Compute the gap from the true residual; restart if it differs from that of the recursion."""
         expected = state.system.gap(problem, state.residual)
         state.system.residual(problem, state.f, state.scratch)
         gap = state.system.gap(problem, state.scratch)
         return (_begun(problem, state) if gap > 2 * expected else state), gap
 
     def next_check(self, state: _State, done: int) -> int:
-        """A look costs what a step costs, or less."""
+        """Return a check after a tenth more iterations; a check costs at most as much as a step."""
         return done + max(1, done // 10)
 
     def describe(self, state: _State) -> str:
-        """By which preconditioner."""
+        """Describe the method and its preconditioner."""
         by = state.system.preconditioner.name
         return f"The linear system of p = 2 by conjugate gradients, preconditioned by {by}"
 
 
 def _begun(problem: DeviceProblem, state: _State) -> _State:
-    """The recursion from the true residual of f."""
+    """Restart the recursion from the true residual of f."""
     state.system.residual(problem, state.f, state.residual)
     problem.backend.combine(problem.weighted.graph, 0.0, state.residual, 0.0, state.residual, out=state.direction)
     return replace(state, rz=0.0)
 
 
 def _repeats(problem: DeviceProblem) -> bool:
-    """Whether the matrix is the same everywhere but at the border: all pixels there, w = 1, lam a number."""
+    """Return whether the matrix is uniform inside the border: a grid without mask, w = 1, lam a number."""
     graph = problem.weighted.graph
     return (
         isinstance(graph, GridGraph)

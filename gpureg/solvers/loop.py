@@ -1,4 +1,4 @@
-"""The one loop that runs every solver: checks, history, stop, callback, progress, interruption."""
+"""The loop that runs all solvers: checks, history, stop, callback, progress, interruption."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from ..model.problem import Problem
 from ..model.result import Stop
 
 if TYPE_CHECKING:
-    # mypy knows this module without it being installed; Python has TypeVar(default=...) from 3.13 on
+    # known to mypy without being installed; Python has TypeVar(default=...) from 3.13 on
     from typing_extensions import TypeVar
 else:
     from typing import TypeVar
 
 
 class Iterates(Protocol):
-    """What the loop reads of a solver's state: the last two iterates, functions (n, m) on the device."""
+    """The part of a solver's state that the loop reads: the last two iterates, functions (n, m) on the device."""
 
     @property
     def f(self) -> Array:
-        """The last whole iterate."""
+        """The last complete iterate."""
 
     @property
     def previous(self) -> Array:
-        """The one before it."""
+        """The iterate before it."""
 
 
 if TYPE_CHECKING:
-    # `Solver` alone is a solver whose state nobody asks for.
+    # `Solver` without a parameter is a solver with any state
     S = TypeVar("S", bound=Iterates, default=Any)
 else:
     S = TypeVar("S", bound=Iterates)
@@ -44,7 +44,7 @@ else:
 
 @dataclass
 class Course:
-    """How a run has gone so far: one entry per check in each list.
+    """The history of a run: each list has one entry per check.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class Course:
     changes : list of float
         Largest change of a value in the last iteration; infinity before the first.
     gaps : list of float or None
-        Duality gap, where the solver finds one.
+        Duality gap, if the solver computes one.
     tol : float or None
-        What the caller asked for; the solver says of what.
+        The tolerance; its meaning depends on the solver.
     span : float
-        The data's range, or 1 where it has none.
+        The data's range, or 1 for constant data.
     """
 
     tol: float | None
@@ -75,28 +75,28 @@ class Course:
         return self.tol is not None and self.changes[-1] <= self.tol * self.span
 
     def drop_unfinished(self) -> None:
-        """Drop a check that an interruption cut short, so that no gap stands beside another energy."""
+        """Drop a check that was interrupted, so that the gaps match the energies."""
         for column in (self.checks, self.energies, self.changes):
             del column[len(self.gaps) :]
 
 
 class Solver(ABC, Generic[S]):
-    """A solver: settings only. What changes lives in a state of its own type, with the last two iterates.
+    """A solver: its settings only. A separate state has the last two iterates and everything else that changes.
 
     Attributes
     ----------
     check_every : int
         Iterations between two checks.
     tol : float or None
-        The tolerance where the caller names none.
+        The default tolerance.
     most : int
         The default of `max_iter`.
     smooths : bool
         Whether p < 2 needs eps > 0.
     renews : bool
-        Whether weights may change under way.
+        Whether weights may change during a run.
     patience : int
-        Iterations before which a gap that stands still is not held against the floating-point type.
+        Iterations after which a gap that does not fall can end the run.
     """
 
     check_every: int = 1
@@ -108,44 +108,44 @@ class Solver(ABC, Generic[S]):
     patience: ClassVar[int] = 100
 
     def accept(self, problem: Problem) -> None:
-        """ValueError unless this solver can take the problem."""
+        """Raise ValueError unless this solver supports the problem."""
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """Functions on the vertices, and on the directed edges, in its state besides the data and two iterates."""
+        """Return how many functions on the vertices and on the edges its state has, without data and two iterates."""
         return 0, 0
 
     @abstractmethod
     def start(self, problem: DeviceProblem, initial: Array) -> S:
-        """State before the first iteration, whose ``f`` is `initial`, (n, m)."""
+        """Return the state before the first iteration, with ``f`` equal to `initial`, (n, m)."""
 
     def resume(self, problem: DeviceProblem, state: S) -> S:
-        """State before the first iteration, from the end of a run with another p or lam."""
+        """Return the state before the first iteration, from the last state of a run with another p or lam."""
         return self.start(problem, state.f)
 
     @abstractmethod
     def advance(self, problem: DeviceProblem, state: S) -> S:
-        """State after one more iteration."""
+        """Do one iteration and return the new state."""
 
     def next_check(self, state: S, done: int) -> int:
-        """The number of iterations after which energy and change are looked at next."""
+        """Return the number of iterations at the next check."""
         return done - done % self.check_every + self.check_every
 
     def certify(self, problem: DeviceProblem, state: S, course: Course) -> tuple[S, float | None]:
-        """The state to go on from, and how far the last energy of the course is above the minimum at most, or None."""
+        """Return the state to continue from, and a bound on the last energy minus the minimum, or None."""
         return state, None
 
     def judge(self, problem: DeviceProblem, state: S, course: Course) -> Stop | None:
-        """Why to stop at this check, or None: by default a largest change of at most tol times the data's range."""
+        """Return why to stop at this check, or None; by default stop if a change is at most tol times the range."""
         return Stop.TOLERANCE if course.stands_still else None
 
     @abstractmethod
     def describe(self, state: S) -> str:
-        """What the iterations to this state did, as a sentence without its full stop."""
+        """Describe the iterations, as a sentence without its full stop."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What a callback sees at a check.
+    """The argument of a callback, at a check.
 
     Attributes
     ----------
@@ -156,9 +156,9 @@ class Check:
     change : float
         Largest change of a value in the last iteration, in the data's units; infinity before the first.
     gap : float or None
-        How far the energy is above its minimum at most; None unless the solver certifies it.
+        Bound on the energy minus its minimum; None unless the solver computes one.
     value : callable
-        ``check.value()`` reads the current iterate (n, m) back from the device; inside the callback only.
+        ``check.value()`` reads the current iterate, (n, m), from the device; only inside the callback.
     """
 
     iteration: int
@@ -173,20 +173,20 @@ Callback = Callable[[Check], Any]
 
 @dataclass(frozen=True)
 class Outcome(Generic[S]):
-    """What the loop leaves.
+    """The result of the loop.
 
     Attributes
     ----------
     problem : DeviceProblem
         The problem, with the last weights.
     f : device function, (n, m)
-        The last whole iterate.
+        The last complete iterate.
     iterations : int
-        Whole iterations done.
+        Complete iterations done.
     stop : Stop
     course : Course
     method : str
-        What the iterations did, as a sentence.
+        Description of the iterations, as a sentence.
     state : S
         The solver's last state.
     """
@@ -201,7 +201,7 @@ class Outcome(Generic[S]):
 
 
 def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
-    """FloatingPointError unless these numbers, met after `done` iterations, are finite."""
+    """Raise FloatingPointError unless these numbers, computed after `done` iterations, are finite."""
     if not all(map(math.isfinite, numbers)):
         raise FloatingPointError(
             f"values are not finite after {done} iterations: the data, lam or eps are out of the range of "
@@ -221,11 +221,11 @@ def run(
     update_weights: int | None = None,
     resume: S | None = None,
 ) -> Outcome[S]:
-    """Iterate until a stop: `max_iter`, what the solver makes of `tol`, the callback, or Ctrl-C.
+    """Iterate from `initial`, (n, m), until `max_iter`, a tolerance, the callback or Ctrl-C stops the run.
 
-    `report` is told the iterations done at each check. Every `update_weights` iterations the weights are computed anew
-    from the current iterate, and the solver starts again from there; until that has happened once, no tolerance stops
-    the run. `resume`, the state of an earlier run, is used instead of `initial`.
+    `report` is called with the iterations done at each check. Every `update_weights` iterations the weights are
+    computed from the current iterate, and the solver restarts there; no tolerance stops the run before the first
+    update. `resume`, the state of an earlier run, is used instead of `initial`.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def run(
     state, done = solver.start(problem, initial) if resume is None else solver.resume(problem, resume), 0
 
     def look() -> Stop | None:
-        """Write down how it goes; whether to stop."""
+        """Add a check to the course; return why to stop, or None."""
         nonlocal state
         change = problem.change(state.f, state.previous) if done else math.inf
         energy = problem.energy(state.f)
@@ -246,13 +246,13 @@ def run(
         course.energies.append(energy)
         course.changes.append(change)
         state, gap = solver.certify(problem, state, course)
-        # infinity is a gap that says nothing, as of a dual variable too large
+        # an infinite gap is allowed: the dual variable is too large for a bound
         expect_finite(backend, done, *([gap] if gap is not None and math.isnan(gap) else []))
         course.gaps.append(gap)
         if is_told_to_stop():
             return Stop.CALLBACK
         stop = solver.judge(problem, state, course)
-        # near the fixed point of the first weights nothing is said of that of the next
+        # a fixed point for the first weights says nothing about the next weights
         return None if update_weights is not None and done <= update_weights else stop
 
     def outcome(stop: Stop) -> Outcome[S]:
@@ -274,7 +274,7 @@ def run(
 
         check = Check(done, course.energies[-1], course.changes[-1], course.gaps[-1], value)
         answer = callback(check)
-        # True alone, numpy's too: a callback that returns something by the way does not stop the run
+        # only True (also numpy's) stops the run, and no other return value
         return isinstance(answer, bool | np.bool_) and bool(answer)
 
     try:
@@ -291,10 +291,10 @@ def run(
             if update_weights is not None:
                 until = min(until, done - done % update_weights + update_weights)
             while done < until:
-                # One assignment of a pair: an interrupt falls before or after a whole iteration.
+                # one assignment of both: an interrupt comes before or after a complete iteration
                 state, done = solver.advance(problem, state), done + 1
             if done < check:
-                continue  # only the weights are due
+                continue  # no check yet: only the weights are updated
             stop = look()
             report(done)
             if stop is not None:

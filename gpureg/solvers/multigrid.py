@@ -1,4 +1,4 @@
-"""Algebraic multigrid, by pyamg, as a preconditioner of the matrices of a graph; their diagonal without pyamg."""
+"""Precondition matrices of a graph by algebraic multigrid (pyamg), or without pyamg by their diagonal."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Preconditioner = Callable[[FloatArray], FloatArray]
 
 
 def is_there() -> bool:
-    """Whether pyamg is installed."""
+    """Return whether pyamg is installed."""
     return importlib.util.find_spec("pyamg") is not None
 
 
 def cycle(A: csr_array) -> Preconditioner:
-    """One V-cycle for a symmetric positive definite M-matrix, on every column of a residual (n, m).
+    """Make a preconditioner of a symmetric positive definite M-matrix: one V-cycle on each column of (n, m).
 
-    Classical coarsening (Ruge and Stuben) with a symmetric smoother, so that conjugate gradients may use it. Without
-    pyamg the diagonal of A.
+    Classical coarsening (Ruge and Stuben) with a symmetric smoother, as conjugate gradients need. Without pyamg it is
+    the diagonal of A.
     """
     if not is_there():
         diagonal = A.diagonal()[:, None]
@@ -44,16 +44,16 @@ def cycle(A: csr_array) -> Preconditioner:
 
 
 class Solved(NamedTuple):
-    """What conjugate gradients found.
+    """The result of conjugate gradients.
 
     Attributes
     ----------
     x : array
-        In the shape of the right-hand side.
+        The solution, in the shape of the right-hand side.
     steps : int
         Steps done.
     converged : bool
-        Whether the residual is as small as was asked for.
+        Whether the residual reached the tolerance.
     """
 
     x: FloatArray
@@ -75,17 +75,17 @@ def conjugate_gradients(
     Parameters
     ----------
     apply : callable
-        The product with the symmetric positive definite A, of an array in the shape of b.
+        The product of the symmetric positive definite A and an array in the shape of b.
     b : array
         The right-hand side, of any shape.
     precondition : callable, optional
-        An approximate solution for a residual in the shape of b. None takes the residual itself.
+        An approximate solution for a residual in the shape of b. None: the residual.
     rtol : float
         Stop once |b - A x| <= rtol |b|.
     most : int
-        Steps at most.
+        Maximal number of steps.
     start : array, optional
-        Where to begin, in the shape of b. None begins at 0.
+        Initial x, in the shape of b. None: 0.
 
     Returns
     -------

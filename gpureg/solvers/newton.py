@@ -1,18 +1,17 @@
 """Primal-dual Newton steps.
 
 The minimiser and its dual variable satisfy lam (f - f0) + d*y = 0 and y = phi'(|df|) df/|df|. For p < 2 Newton's method
-on y (|df|^2 + eps^2)^((2 - p)/2) = df (Chan, Golub and Mulet 1999, who did this for p = 1) hardly depends on eps,
-whereas Newton's method on f alone hardly moves for a small one. Eliminating the change of y leaves, for the change h
-of f,
+on y (|df|^2 + eps^2)^((2 - p)/2) = df (Chan, Golub and Mulet 1999, for p = 1) hardly depends on eps, but Newton's
+method on f alone is slow for a small eps. Eliminating the change of y gives for the change h of f
 
     lam h + d* [ g dh - k/2 (y <df, dh> + df <y, dh>) ] = - gradient,   g = q^((p-2)/2),  k = (2 - p) g q^(-p/2)
 
-with q = |df|^2 + eps^2, made symmetric, and y shortened so that it is positive definite. For p > 2, y = g df: Newton's
-own.
-The systems are solved on the host, by conjugate gradients with the matrix of eq. 25 (k = 0) as preconditioner.
+with q = |df|^2 + eps^2. The system is made symmetric, and y is shortened so that it is positive definite. For p > 2,
+y = g df is Newton's method. The systems are solved on the host, by conjugate gradients with the matrix of eq. 25
+(k = 0) as preconditioner.
 
-Where eps = 0 and p < 2 there are no second derivatives: the steps are those of an eps > 0 that falls with the gap. y
-belongs to the problem with eps = 0 all the same, and so does the gap.
+For eps = 0 and p < 2 there are no second derivatives: the steps use an eps > 0 that decreases with the gap. y and the
+gap still belong to the problem with eps = 0.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ from .loop import Course, Solver
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Sufficient decrease (Armijo), and how often a step is halved at most.
+# Sufficient decrease (Armijo), and the maximal number of halvings of a step.
 _DECREASE, _HALVINGS = 1e-4, 30
-# Steps of conjugate gradients for one of Newton's at most, and what they leave of the gradient.
+# Maximal conjugate gradient steps per Newton step, and their relative residual.
 _INNER, _FORCING = 1000, 0.03
-# What the smoothing may add to the energy, as a share of the gap, where the problem has none.
+# If the problem has no smoothing: what that of the steps may add to the energy, as a share of the gap.
 _PART = 0.1
 
 
@@ -49,7 +48,7 @@ class _Model:
     d: Difference
     f0: FloatArray
     lam: FloatArray  # (n, 1); 0 where f is pinned
-    free: FloatArray  # (n, 1); 0 where f is pinned
+    free: FloatArray  # (n, 1); 1, or 0 where f is pinned
     p: float
     coupled: bool
     edge_norm: bool
@@ -59,7 +58,7 @@ class _Model:
         return 0.5 if self.edge_norm else 1.0
 
     def grouped(self, H: FloatArray) -> FloatArray:
-        """Sums over the edges of a vertex (the edge norm: one edge) and, coupled, over channels; one row per edge."""
+        """Sum H, (D, m), over the edges of a vertex (not for the edge norm) and coupled channels; one row per edge."""
         if self.coupled:
             H = H.sum(axis=1, keepdims=True)
         if self.edge_norm:
@@ -88,7 +87,7 @@ class _State:
     host: FloatArray
     y: FloatArray
     eps: float  # of the next step
-    cycle: multigrid.Preconditioner | None = None  # where one serves all steps
+    cycle: multigrid.Preconditioner | None = None  # if it is the same for all steps
     inner: int = 0
     halved: int = 0
 
@@ -100,11 +99,11 @@ class Newton(Solver[_State]):
     patience = 20
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """The start, and the dual variable at a check."""
+        """Return the memory needed: the start, and the dual variable at a check."""
         return 1, 1
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """State before the first step, from `initial`."""
+        """Return the state before the first step, from `initial`, (n, m)."""
         backend, graph = problem.backend, problem.weighted.graph
         given = np.broadcast_to(problem.problem.lam, (graph.n_vertices, 1))
         free = np.isfinite(given).astype(np.float64)
@@ -125,7 +124,7 @@ class Newton(Solver[_State]):
         return _State(problem.put_function(host), previous, model, host, y, eps)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """One step of Newton's, shortened until the energy falls enough."""
+        """Do one Newton step, shortened until the energy falls enough."""
         model, f, y = state.model, state.host, state.y
         p, eps, share, grouped, D = model.p, state.eps, model.share, model.grouped, model.d.matrix
         df = D @ f
@@ -146,7 +145,7 @@ class Newton(Solver[_State]):
         def hessian(h: FloatArray) -> FloatArray:
             dh = D @ (model.free * h)
             flux: FloatArray = share * g * dh - bent / 2 * (held * grouped(df * dh) + df * grouped(held * dh))
-            # a pinned vertex keeps its value: the identity there
+            # the identity at pinned vertices
             product: FloatArray = model.lam * h + model.free * (model.d.adjoint @ flux) + (1 - model.free) * h
             return product
 
@@ -159,10 +158,10 @@ class Newton(Solver[_State]):
         theta, halved = 1.0, 0
         while not model.energy(f + theta * h, eps) <= energy + _DECREASE * theta * slope and halved < _HALVINGS:
             theta, halved = theta / 2, halved + 1
-        if halved == _HALVINGS:  # what is left is rounding
+        if halved == _HALVINGS:  # only rounding is left
             theta = 0.0
         dh = D @ h
-        # for p >= 2, y = share g df and g = q^((p-2)/2): not q^(-p/2) g, the first of which may overflow
+        # for p >= 2, y = share g df with g = q^((p-2)/2), because q^(-p/2) in q^(-p/2) g may overflow
         turned = q ** (-p / 2) * y if p < 2 else share / q * df
         y = g * (share * (df + dh) - (2 - p) * turned * grouped(df * dh))
         host = f + theta * h
@@ -179,7 +178,7 @@ class Newton(Solver[_State]):
 
     @staticmethod
     def _preconditioner(model: _Model, c: FloatArray) -> multigrid.Preconditioner:
-        """A cycle for lam + d* c d: one matrix for all channels, or one each."""
+        """Make a V-cycle for lam + d* c d; `c`, (D, 1) or (D, m), gives one matrix for all channels or one each."""
         from scipy.sparse import csr_array, diags_array
 
         lam, free = model.lam[:, 0], model.free[:, 0]
@@ -197,7 +196,7 @@ class Newton(Solver[_State]):
         return lambda r: np.concatenate([solve(r[:, k : k + 1]) for k, solve in enumerate(cycles)], axis=1)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
-        """The gap of f as the device has it with y, moved into the unit ball for p = 1; the eps that suits it."""
+        """Compute the gap of f on the device and y, for p = 1 moved into the unit ball, and choose the next eps."""
         model, p = state.model, problem.p
         y = state.y
         if p == 1:
@@ -207,15 +206,15 @@ class Newton(Solver[_State]):
         gap = duality_gap(problem, state.f, model.d.on_device(problem, y), course.energies[-1])
         if problem.eps or p >= 2:
             return state, gap
-        # eps adds (eps^p / p) to the energy of a vertex at most: a part of the gap that there is
+        # eps adds at most eps^p / p to the energy of a vertex: choose it as a share of the gap
         return replace(state, eps=min(state.eps, (_PART * p * gap / len(model.f0)) ** (1 / p))), gap
 
     def next_check(self, state: _State, done: int) -> int:
-        """At every step."""
+        """Check after every step."""
         return done + 1
 
     def describe(self, state: _State) -> str:
-        """The method and what it took."""
+        """Describe the method and its steps."""
         name = "Primal-dual Newton" if state.model.p < 2 else "Newton"
         by = "multigrid" if multigrid.is_there() else "the diagonal (pyamg is not installed)"
         halved = f", {state.halved} step(s) shortened" if state.halved else ""

@@ -1,4 +1,4 @@
-"""What the tolerance of the paper's processes can be of: four tests, each an object that holds what it needs."""
+"""Stop tests of the paper's processes: four tests, each an object with its data."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from ..model.problem import Problem
 from ..model.result import Stop
 from .loop import Course, Solver
 
-# Roundings of a value by which the same iterate can differ from itself.
+# Number of roundings of a value by which equal iterates can differ.
 _NOISE = 4
 
-# What a method says of its result for p < 1.
+# The end of a method's description for p < 1.
 LOCAL = ", towards a local minimum that depends on the start (p < 1)"
 
 
 class StopTest(ABC):
-    """A stop test during a run: at each check it takes what it needs, then judges.
+    """A stop test during a run: at each check it is updated, then it judges.
 
     Attributes
     ----------
     holds : int
-        Functions on the vertices, (n, m), that it holds on the device.
+        Number of functions on the vertices, (n, m), that it stores on the device.
     """
 
     holds: ClassVar[int] = 0
 
     @classmethod
     def of(cls, problem: DeviceProblem, initial: Array) -> Self:
-        """The test before the first check; the run starts at `initial`, (n, m)."""
+        """Make the test before the first check; the run starts at `initial`, (n, m)."""
         return cls()
 
     def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
-        """The test with what it takes at f, (n, m), and the duality gap where that tells it; `g` is scratch memory."""
+        """Update the test at f, (n, m); also return the duality gap if it is known; `g` is scratch memory."""
         return self, None
 
     @abstractmethod
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
-        """Why to stop at this check, or None."""
+        """Return why to stop at this check, or None."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Change(StopTest):
     """The largest change of a value in the last iteration, as a share of the data's range."""
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
-        """Whether the iterate stands still."""
+        """Stop if the iterate hardly changes."""
         return Stop.TOLERANCE if course.stands_still else None
 
 
@@ -68,7 +68,7 @@ class Error(StopTest):
     last : device function, (n, m)
         f at the last check.
     ways : tuple of float
-        Largest change of a value up to each check, the first of which is the start.
+        Largest change of a value from the previous check to each check; the first check is the start.
     """
 
     holds: ClassVar[int] = 1
@@ -78,18 +78,18 @@ class Error(StopTest):
 
     @classmethod
     def of(cls, problem: DeviceProblem, initial: Array) -> Self:
-        """At the start."""
+        """Make the test at the start."""
         buffer = problem.backend.empty(problem.weighted.graph, problem.channels)
         return cls(_copy(problem, initial, buffer))
 
     def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
-        """With the way to f."""
+        """Add the largest change since the last check."""
         way = problem.change(f, self.last)
         _copy(problem, f, self.last)
         return replace(self, ways=(*self.ways, way)), None
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
-        """Whether the way still to go is short, or lost in rounding."""
+        """Stop if the estimated distance is small, or if changes are only rounding."""
         rounding = float(np.finfo(problem.backend.dtype).eps) / 2 * largest_value(problem)
         ways, checks = self.ways, course.checks[-len(self.ways) :]
         if estimated_error(ways, checks, rounding) <= tol * course.span:
@@ -106,9 +106,9 @@ class Gradient(StopTest):
     buffer : device function, (n, m)
         Scratch memory for the gradient.
     units : float or device function, (n, 1)
-        The device's squared gradient over these is the caller's.
+        The squared gradient on the device divided by this is that of the caller's variable.
     first, now : float
-        The norm at the first check, None before it, and at the last one.
+        The norm at the first check (None before it) and at the last one.
     """
 
     holds: ClassVar[int] = 1
@@ -120,16 +120,16 @@ class Gradient(StopTest):
 
     @classmethod
     def of(cls, problem: DeviceProblem, initial: Array) -> Self:
-        """Before the gradient was taken."""
+        """Make the test before the first check."""
         backend, graph, scale = problem.backend, problem.weighted.graph, problem.scale
         units: float | Array = 1.0 if scale is None else backend.put(graph, scale**-2.0)
         return cls(backend.empty(graph, problem.channels), units)
 
     def at(self, problem: DeviceProblem, f: Array, g: Conductance) -> tuple[Self, float | None]:
-        """With the norm at f, and the duality gap where the energy is strongly convex.
+        """Compute the norm at f, and the duality gap if the energy is strongly convex.
 
-        The energy at f + h is at least that at f + <gradient, h> + sum lam |h|^2 / 2, whose minimum over h is the
-        energy minus sum |gradient|^2 / (2 lam).
+        The energy at f + h is at least that at f plus <gradient, h> + sum lam |h|^2 / 2. The minimum over h is the
+        energy at f minus sum |gradient|^2 / (2 lam).
         """
         backend, weighted = problem.backend, problem.weighted
         found = backend.gradient(weighted, f, problem.f0, problem.conductances(f, g), problem.lam, out=self.buffer)
@@ -140,7 +140,7 @@ class Gradient(StopTest):
         return replace(self, first=now if self.first is None else self.first, now=now), gap
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
-        """Whether the norm has fallen enough."""
+        """Stop if the norm has fallen enough."""
         assert self.first is not None
         return Stop.GRADIENT if self.now <= tol * self.first else None
 
@@ -150,7 +150,7 @@ class Energy(StopTest):
     """The change of the energy per iteration since the last check, as a share of the energy."""
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
-        """Whether the energy hardly changes."""
+        """Stop if the energy hardly changes."""
         return Stop.ENERGY if energy_decrease(course) <= tol * abs(course.energies[-1]) else None
 
 
@@ -163,17 +163,17 @@ def _copy(problem: DeviceProblem, f: Array, out: Array) -> Array:
 
 @dataclass(frozen=True)
 class ProcessState:
-    """What every state of a process has.
+    """The common part of the states of processes.
 
     Attributes
     ----------
     f, previous : device functions, (n, m)
-        The last whole iterate, and the one before it, which the next overwrites.
+        The last complete iterate, and the one before it, which the next iterate overwrites.
     g : device function, (n, 1) or (n, m), or None
         Scratch memory for the conductances.
     test : StopTest
     local : bool
-        Whether there can be other minima.
+        Whether there can be several minima.
     """
 
     f: Array
@@ -187,48 +187,48 @@ P = TypeVar("P", bound=ProcessState)
 
 
 class Process(Solver[P]):
-    """A process of the paper, with a choice of what its tolerance is of."""
+    """A process of the paper, with a choice of stop tests."""
 
     stop: str
 
     def check(self) -> None:
-        """TypeError or ValueError unless the settings of the test are right."""
+        """Raise TypeError or ValueError unless the settings of the test are valid."""
         if self.tol is not None:
             number("tol", self.tol, low=0)
         choice("stop", self.stop, TESTS)
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """What the test holds."""
+        """Return the memory that the test needs."""
         return TESTS[self.stop].holds, 0
 
     def test(self, problem: DeviceProblem, initial: Array) -> StopTest:
-        """The test that was chosen, at the start."""
+        """Make the chosen test, at the start `initial`, (n, m)."""
         return TESTS[self.stop].of(problem, initial)
 
     def certify(self, problem: DeviceProblem, state: P, course: Course) -> tuple[P, float | None]:
-        """What is tested, taken at this check."""
+        """Update the test at this check."""
         test, gap = state.test.at(problem, state.f, state.g)
         return replace(state, test=test), gap
 
     def judge(self, problem: DeviceProblem, state: P, course: Course) -> Stop | None:
-        """The test that was chosen."""
+        """Judge by the chosen test."""
         return None if course.tol is None else state.test.judge(problem, course, course.tol)
 
 
 def energy_decrease(course: Course) -> float:
-    """What an iteration since the last check took off the energy, on average, or added; infinity at the first check."""
+    """Compute the mean absolute change of the energy per iteration since the last check; infinity at the first."""
     if len(course.checks) < 2:
         return math.inf
     return abs(course.energies[-2] - course.energies[-1]) / (course.checks[-1] - course.checks[-2])
 
 
 def estimated_error(ways: Sequence[float], checks: Sequence[int], rounding: float) -> float:
-    """The way still to go, were it to shrink as it did; infinity where it does not, or is not known yet.
+    """Estimate the remaining distance from the rate at which changes decrease; infinity if they do not, or not yet.
 
-    `ways` are those up to each check, the first of which is the start. With R = r^n, r being the rate of an iteration
-    and n those since the last check, a way d is followed by d R + d R^2 + ... = d R / (1 - R). r is observed over two
-    checks, which brings even and odd iterations together; of the last three such rates the slowest counts, as one can
-    be small by chance. No way is known better than to some roundings.
+    `ways` are the largest changes up to each check; the first check is the start. With R = r^n, where r is the rate of
+    an iteration and n the iterations since the last check, a change d is followed by d R + d R^2 + ... = d R / (1 - R).
+    r is measured over two checks, to average even and odd iterations; the slowest of the last three rates is used, as
+    one can be small by chance. Changes are accurate only up to a few roundings.
     """
     if len(ways) > 1 and not any(ways):  # nothing ever moved
         return 0.0
@@ -244,7 +244,7 @@ def estimated_error(ways: Sequence[float], checks: Sequence[int], rounding: floa
 
 
 def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> bool:
-    """Whether ways are of the size of roundings and shrink by less than a fifth while the iterations double."""
+    """Return whether the changes are as small as rounding and fall by less than a fifth as iterations double."""
     early = [way for way, at in zip(ways[1:], checks[1:], strict=True) if 2 * at <= checks[-1]]
     if len(ways) > 1 and ways[-1] == 0:
         return True
@@ -252,7 +252,7 @@ def _is_noise(ways: Sequence[float], checks: Sequence[int], rounding: float) -> 
 
 
 def largest_value(problem: DeviceProblem) -> float:
-    """The size of the data, inside the mask of a grid."""
+    """Return the largest absolute value of the data, inside the mask of a grid."""
     graph, f0 = problem.problem.graph, problem.problem.f0
     if isinstance(graph, GridGraph) and graph.mask is not None:
         f0 = f0[graph.mask.ravel()]

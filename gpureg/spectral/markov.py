@@ -1,4 +1,4 @@
-"""The Markov matrix of a graph, and p = 2 without data as an iterated averaging filter (section 4)."""
+"""Compute the Markov matrix of a graph, and p = 2 without data as an iterated averaging filter (section 4)."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 class AveragingFilter(NamedTuple):
-    """One sweep as an average (eq. 26): f+ = data f0 + neighbours f.
+    """The coefficients of a sweep as an average (eq. 26): f+ = data f0 + neighbours f.
 
     Attributes
     ----------
     data : (n,) array
-        phi_uu, the share of the data.
+        phi_uu, the coefficient of the data.
     neighbours : (n, n) csr_array
-        phi_uv, the shares of the neighbours. With `data`, rows sum to 1.
+        phi_uv, the coefficients of the neighbours. With `data`, rows sum to 1.
     """
 
     data: FloatArray
@@ -41,7 +41,7 @@ class AveragingFilter(NamedTuple):
 def stored_weights(
     graph: GraphLike, f: npt.ArrayLike | None, weights: AnyWeights, p: float, lam: float | npt.ArrayLike, eps: Any
 ) -> tuple[Graph, FloatArray, FloatArray | None, Problem]:
-    """The graph as CSR, its weights one per directed edge, the conductances g (n,) or None, and the problem."""
+    """Return the graph as CSR, (n_edges,) weights, conductances g, (n,) or None, and the problem."""
     graph = as_graph(graph, degrees=True)
     p = number("p", p, above=0)
     if f is None and isinstance(weights, Bilateral | Patch):
@@ -84,10 +84,10 @@ def averaging_filter(
     ----------
     graph : Graph or GridGraph
     f : array, optional
-        Where the conductances are taken, in any shape of :func:`gpureg.regularize`; channels share them. Not needed for
-        p = 2, unless weights are computed from it.
+        The function for the conductances, in any shape of :func:`gpureg.regularize`; all channels have the same ones.
+        Not needed for p = 2, unless weights are computed from it.
     p, lam, eps, weights
-        As :func:`gpureg.regularize`.
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def averaging_filter(
     Raises
     ------
     ValueError, TypeError
-        p other than 2, or weights computed from data, without f; otherwise as :func:`gpureg.regularize`.
+        No f with p other than 2 or with weights computed from data; otherwise as :func:`gpureg.regularize`.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def averaging_filter(
     alpha = 2 * w if g is None else w * (g[rows] + g[stored.indices])
     total = np.bincount(rows, alpha, minlength=n)
     fidelity = np.broadcast_to(problem.lam, (n, 1))[:, 0]
-    # pinned, or nothing around: the data stays, as the sweep has it
+    # at pinned vertices, or without neighbours, a sweep keeps the data
     keeps = np.isinf(fidelity) | ~(np.where(np.isinf(fidelity), 0, fidelity) + total > 1e-290)
     denominator = np.where(keeps, 1, fidelity + total)
     share = np.where(keeps[rows], 0, alpha / denominator[rows])
@@ -134,14 +134,14 @@ def markov_matrix(
 ) -> sparse.csr_array:
     """Compute the Markov matrix P of the process without data (eq. 27).
 
-    P(u, v) = phi_uv, and rows sum to 1. For p = 2 it is D^-1 W; for other p it depends on `f`. A vertex without weight
-    stays where it is, P(u, u) = 1. Its powers P^t are ``scipy.sparse.linalg.matrix_power(P, t)``, or
-    :func:`gpureg.spectral.diffuse` for their action.
+    P(u, v) = phi_uv, and rows sum to 1. For p = 2 it is D^-1 W; for other p it depends on `f`. At a vertex without
+    weight P(u, u) = 1. ``scipy.sparse.linalg.matrix_power(P, t)`` computes P^t, and :func:`gpureg.spectral.diffuse` its
+    action.
 
     Parameters
     ----------
     graph, f, p, eps, weights
-        As :func:`gpureg.spectral.averaging_filter`.
+        As in :func:`gpureg.spectral.averaging_filter`.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def markov_matrix(
 
 @door
 def diffuse(f0: npt.ArrayLike, graph: GraphLike, t: int, *, weights: AnyWeights = None) -> FloatArray:
-    """Diffuse a function: P^t f0 (eq. 28), t plain sweeps with p = 2 and lam = 0, in float64.
+    """Diffuse a function: compute P^t f0 (eq. 28), t plain sweeps with p = 2 and lam = 0, in float64.
 
     Parameters
     ----------
@@ -180,9 +180,9 @@ def diffuse(f0: npt.ArrayLike, graph: GraphLike, t: int, *, weights: AnyWeights 
         (n,) or (n, m), on a grid also its shape with or without channels. Weight functions are computed from it.
     graph : Graph or GridGraph
     t : int
-        Steps >= 0.
+        Number of steps >= 0.
     weights : Weights or array, optional
-        As :func:`gpureg.regularize`.
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The first eigenpairs of the Markov matrix, and filters made of them (section 4.1 of the paper)."""
+"""Compute the first eigenpairs of the Markov matrix, and filters from them (section 4.1 of the paper)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .markov import stored_weights
 if TYPE_CHECKING:
     from scipy import sparse
 
-# Up to so many vertices a connected part goes through a dense eigensolver.
+# A connected part of at most this number of vertices uses a dense eigensolver.
 _DENSE = 600
-# Neighbours a vertex up to which a sparse factorisation is taken to stay sparse.
+# Neighbours per vertex up to which a sparse factorization is expected to stay sparse.
 _FACTORABLE = 30
-# Shift of the factorised matrix: so far above the spectrum that it is definite, near enough to part eigenvalues at 1.
+# Shift above the spectrum: large enough for a definite matrix, small enough to separate eigenvalues near 1.
 _ABOVE = 1e-4
 
 
@@ -32,11 +32,11 @@ class Eigenpairs(NamedTuple):
     Attributes
     ----------
     values : (k,) array
-        Eigenvalues a_i, from 1 downwards; 1 - a_i is a frequency.
+        Eigenvalues a_i, from 1 in descending order; 1 - a_i is a frequency.
     vectors : (n, k) array
         Eigenvectors phi_i, orthonormal in the inner product weighted by `degree`.
     degree : (n,) array
-        delta, 1 at a vertex without weight (which stays where it is: P(u, u) = 1).
+        delta; 1 at a vertex without weight, where P(u, u) = 1.
     """
 
     values: FloatArray
@@ -46,10 +46,10 @@ class Eigenpairs(NamedTuple):
 
 @door
 def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weights: AnyWeights = None) -> Eigenpairs:
-    """Find the first k eigenpairs of the Markov matrix P = D^-1 W (section 4.1), from the eigenvalue 1 downwards.
+    """Compute the k largest eigenvalues of the Markov matrix P = D^-1 W (section 4.1), and their eigenvectors.
 
-    Through the symmetric D^-1/2 W D^-1/2, connected part by part (so that the eigenvalue 1 comes as often as there are
-    parts), dense where a part is small, otherwise by ARPACK: shifted and factorised on sparse graphs, plain on others.
+    Uses the symmetric matrix D^-1/2 W D^-1/2 of each connected part (each part has one eigenvalue 1), with a dense
+    solver for small parts, otherwise with ARPACK: with shift and factorization on sparse graphs, without on others.
 
     Parameters
     ----------
@@ -57,15 +57,15 @@ def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weig
     k : int
         1 <= k <= n.
     f : array, optional
-        What weight functions are computed from.
+        The data for weight functions.
     weights : Weights or array, optional
-        As :func:`gpureg.regularize`.
+        As in :func:`gpureg.regularize`.
 
     Returns
     -------
     Eigenpairs
-        ``values`` (k,), ``vectors`` (n, k), ``degree`` (n,). The largest entry of a vector is positive. The same input
-        gives the same bits.
+        ``values`` (k,), ``vectors`` (n, k), ``degree`` (n,). The entry of largest absolute value of a vector is
+        positive. The same input gives the same output, bit for bit.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weig
     N = sparse.csr_array(sparse.diags_array(root) @ W @ sparse.diags_array(root))
     N = sparse.csr_array(N + sparse.diags_array(alone.astype(float)))
     count, part = connected_components(W, directed=False)
-    # A part has its own 1; of the others at most k - count + 1 are among the first.
+    # each part has one eigenvalue 1, so that at most k - count + 1 of its eigenvalues are among the first k
     wanted = max(1, k - count + 1)
     order = np.argsort(part, kind="stable")
     ends = np.cumsum(np.bincount(part))
@@ -117,7 +117,7 @@ def eigenpairs(graph: GraphLike, k: int, *, f: npt.ArrayLike | None = None, weig
 
 
 def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
-    """The k largest eigenvalues of a symmetric matrix of one connected part, downwards, with orthonormal vectors."""
+    """Compute the k largest eigenvalues, (k,), descending, of a symmetric (n, n) matrix, and (n, k) eigenvectors."""
     from scipy import sparse
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
@@ -126,11 +126,11 @@ def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
         a, vectors = np.linalg.eigh(N.toarray())
         return a[::-1][:k], vectors[:, ::-1][:, :k]
     start = np.random.default_rng(1).standard_normal(n)
-    # a few more than asked for: the last ones of a cluster of equal eigenvalues come late
+    # compute a few more: the last ones of a cluster of equal eigenvalues converge late
     more = min(k + 4, n - 1)
     try:
         if N.nnz <= _FACTORABLE * n:
-            # Definite: no pivoting, so that the ordering for symmetric matrices holds.
+            # the matrix is definite: no pivoting, which would change the symmetric ordering
             shifted = sparse.csc_array(N - (1 + _ABOVE) * sparse.eye_array(n))
             factors = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
             inverse = LinearOperator((n, n), matvec=factors.solve, dtype=np.float64)
@@ -139,7 +139,7 @@ def _first(N: sparse.csr_array, k: int) -> tuple[FloatArray, FloatArray]:
             _, V = eigsh(N, k=more, which="LA", v0=start, ncv=min(n, max(2 * more + 1, 40)))
     except ArpackNoConvergence as error:
         raise RuntimeError(f"the eigensolver did not converge for {k} pairs of {n} vertices: {error}") from None
-    # One step of Rayleigh and Ritz: orthonormal to rounding.
+    # one Rayleigh-Ritz step makes the vectors orthonormal up to rounding
     V = np.linalg.qr(V)[0]
     a, turn = np.linalg.eigh(V.T @ (N @ V))
     V = V @ turn[:, ::-1]
@@ -155,7 +155,7 @@ def spectral_filter(
     weights: AnyWeights = None,
     pairs: Eigenpairs | None = None,
 ) -> FloatArray:
-    """Project a function on the first k eigenvectors of P (section 4.1): a low-pass filter.
+    """Project a function onto the first k eigenvectors of P (section 4.1): a low-pass filter.
 
     With the inner product weighted by the degree::
 
@@ -169,9 +169,9 @@ def spectral_filter(
     k : int
         1 <= k <= n.
     weights : Weights or array, optional
-        As :func:`gpureg.regularize`; weight functions are computed from `f0`.
+        As in :func:`gpureg.regularize`; weight functions are computed from `f0`.
     pairs : Eigenpairs, optional
-        At least k pairs of this graph from :func:`eigenpairs`, computed once for many functions.
+        At least k pairs of this graph from :func:`eigenpairs`, to compute them only once for many functions.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def spectral_filter(
     Raises
     ------
     ValueError, TypeError
-        k out of range, pairs of another graph; otherwise as :func:`eigenpairs`.
+        k out of range; pairs of another graph; otherwise as :func:`eigenpairs`.
 
     Examples
     --------

@@ -262,7 +262,7 @@ WRONG = [
     (lambda: gr.denoise_curve(CURVE[:2], closed=True), ValueError, "a closed one needs 3"),
     (lambda: gr.denoise_curve(CURVE[:1]), ValueError, "an open one needs 2"),
     (lambda: gr.denoise_curve([CURVE, CURVE[:1]], closed=False), ValueError, "curve 1 has 1 vertices"),
-    (lambda: gr.denoise_curve([CURVE, np.ones((5, 3))]), ValueError, "as many dimensions"),
+    (lambda: gr.denoise_curve([CURVE, np.ones((5, 3))]), ValueError, "same dimension"),
     (lambda: gr.denoise_curve(CURVE * np.nan), ValueError, "finite"),
     (lambda: gr.denoise_curve(CURVE, closed=1), TypeError, "True or False"),
     (lambda: gr.denoise_curve(CURVE, p=0), ValueError, "p must"),

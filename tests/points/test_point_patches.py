@@ -105,7 +105,7 @@ def test_degenerate_clouds(points):
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda: gr.point_patches(WAVES[:, :2]), ValueError, "points of space"),
+        (lambda: gr.point_patches(WAVES[:, :2]), ValueError, "points in space"),
         (lambda: gr.point_patches(WAVES, k=2), ValueError, "k must be >= 3"),
         (lambda: gr.point_patches(WAVES, patch_radius=1.5), TypeError, "patch_radius must be an integer"),
         (lambda: gr.point_patches(WAVES, side=3), TypeError, "'side' is called patch_radius"),

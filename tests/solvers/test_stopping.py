@@ -194,7 +194,7 @@ def test_wrong_settings(solver: type) -> None:
 @pytest.mark.parametrize("stop", ["error", "gradient", "energy"])
 def test_only_the_change_is_tested_in_tiles(stop: str) -> None:
     given = {"p": 1, "tol": 1e-3, "max_iter": 20, "memory": 12_000, "backend": "numpy"}
-    with pytest.raises(MemoryError, match=rf"stop='{stop}' is a question about the whole \(stop='change' is not\)"):
+    with pytest.raises(MemoryError, match=rf"stop='{stop}' needs the whole graph \(stop='change' does not\)"):
         gr.regularize(noisy(), g0((24, 31)), solver=gr.Jacobi(stop=stop), **given)
     assert "tiles" in gr.regularize(noisy(), g0((24, 31)), **given).method
 
