@@ -47,8 +47,8 @@
     const long plane,                                                                                                 \
     const long guard,                                                                                                 \
     __global const real *f0,           /* M channels */                                                               \
-    __global const real *lams,         /* 1 channel; not read without LAM_ARRAY */                                    \
-    const real lam_,                   /* not read with LAM_ARRAY */                                                  \
+    __global const real *lams,         /* 1 channel; read with LAM_ARRAY */                                    \
+    const real lam_,                   /* read without LAM_ARRAY */                                                  \
     /* output */                                                                                                      \
     __global real *out                 /* M channels; not f */
 

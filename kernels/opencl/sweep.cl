@@ -169,8 +169,8 @@ __kernel void sweep(
     __global const real *f0,   /* M channels */
     const real power,          /* (p - 2)/2 */
     const real eps2,           /* eps^2 */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real theta,
     const int band,    /* rows of a block */
     const int stretch, /* its columns, a multiple of N */

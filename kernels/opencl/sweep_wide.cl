@@ -163,8 +163,8 @@ INLINE void sweep_wide(
     GRAPH_ARGS,
     __global const real *f,    /* M channels */
     __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real theta,
     const real power,    /* (p - 2)/2 */
     const real eps2,     /* eps^2 */

@@ -83,7 +83,7 @@ _WEIGHTS = """
 
 @functools.cache
 def make_grid(real, ndim, M, R, maps, similarity, N, S):
-    """The kernel for a grid of so many axes, patches of radius R, and packs of N cells on S rows."""
+    """Make the kernel for a grid of so many axes, patches of radius R, and packs of N cells on S rows."""
     Patches = strip.struct(real)
     weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], k, centre0 + y * p.pitch)" if similarity else "rho[y]")
 
@@ -105,7 +105,7 @@ def make_grid(real, ndim, M, R, maps, similarity, N, S):
 
 @functools.cache
 def make_csr(access, M, similarity, with_spatial, with_maps):
-    """The kernel for a CSR graph."""
+    """Make the kernel for a CSR graph."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour = access.begin, access.end, access.neighbour
     function = vector(real, M)

@@ -58,7 +58,7 @@ _END = """
 
 @functools.cache
 def make(real, ndim, M, R, maps, lam_array, largest, N, S):
-    """The kernel for a grid of so many axes, M channels, patches of radius R, and packs of N cells on S rows."""
+    """Make the kernel for a grid of so many axes, M channels, patches of radius R, and packs of N cells on S rows."""
     Patches, function = strip.struct(real), reals.vector(real, M)
     lam_type = wp.array2d(dtype=reals.vector(real, 1)) if lam_array else real
     smallest = reals.smallest(real)

@@ -13,7 +13,7 @@ from . import gamma, reals
 
 @functools.cache
 def make(access, M, G, edge_norm):
-    """A function that gives the sum at a vertex as a norm."""
+    """Make a function that computes the sum at a vertex as a norm."""
     real, Graph, Place = access.real, access.Graph, access.Place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
