@@ -45,7 +45,7 @@ typedef real weight_t;
     __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */  \
     const long weight_pitch,                                                                                          \
     const long weight_guard,                                                                                          \
-    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED the function F   */   \
+    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED the function F */      \
     __global const real *nearness,       /* (H,): spatial factors of the weights; read with RECOMPUTED */             \
     const real weight_shift,             /* read with RECOMPUTED, as the next */                                      \
     const real weight_scale

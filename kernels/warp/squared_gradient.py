@@ -1,7 +1,7 @@
-"""The sum that the gradient norm raises to a power, and the energy too:
+"""The sum that gradient_norm and energy raise to a power:
 
 vertex norm   sum_v d_w(f)(u, v)^2 + eps^2
-edge norm     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the edges that are there
+edge norm     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the existing edges
 """
 
 import functools
