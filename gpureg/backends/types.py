@@ -161,11 +161,11 @@ def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
     if storage == "full":
         return
     if not isinstance(graph, GridGraph) or form.scale is None:
-        raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
+        raise BackendUnavailable("weights in float16 or recomputed weights need a GridGraph and a similarity")
     if storage == "none" and (form.maps is not None or form.cut):
-        raise BackendUnavailable("weights that are cut off, or have maps of parameters, are stored, not recomputed")
+        raise BackendUnavailable("weights with a cut-off or with maps of parameters cannot be recomputed: store them")
     if storage == "none" and form.radius:
-        raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
+        raise BackendUnavailable("only weights between single cells (bilateral) can be recomputed, not patches")
 
 
 def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:

@@ -33,7 +33,7 @@ class Csr:
     def __init__(self, real: Any, upload: Upload, graph: Graph) -> None:
         if graph.n_edges >= 2**31:
             raise MemoryError(
-                f"the graph has {graph.n_edges} directed edges, a Warp array holds less than 2^31: "
+                f"the graph has {graph.n_edges} directed edges, a Warp array can have less than 2^31: "
                 "use a GridGraph, or another backend"
             )
         self.shape = (1, graph.n_vertices)

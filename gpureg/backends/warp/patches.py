@@ -111,7 +111,7 @@ class WarpPatches(WarpLaunches):
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
         if storage != "full":
-            raise BackendUnavailable("Warp stores weights in full: weights in float16, or recomputed, need OpenCL")
+            raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
             weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)

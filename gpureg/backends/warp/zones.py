@@ -52,7 +52,7 @@ class WarpZones(WarpLaunches, Rounds):
             guard, jumps, padded = guarded(graph, lengths)
             if padded.size >= 2**31:
                 raise MemoryError(
-                    f"the grid has {padded.size} edges, a Warp array holds less than 2^31: use another backend"
+                    f"the grid has {padded.size} edges, a Warp array can have less than 2^31: use another backend"
                 )
             zones.H, zones.guard = graph.half_window, guard
             zones.jumps = self.upload(jumps.astype(np.int32), wp.int32)
