@@ -1,4 +1,4 @@
-"""Arrays as they are given to gpureg, checked: numbers, finite values, points, faces, values at vertices."""
+"""Check the arrays that a caller passes: integers, finite values, points, faces, values at vertices."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.floating[Any]]
 IntArray = npt.NDArray[np.integer[Any]]
-# Vertices handled at a time where a table of (vertices, neighbours) is needed: bounds the memory.
+# Most entries of a table that is computed at a time, such as (vertices, neighbours): it bounds the memory.
 BLOCK_ENTRIES = 1 << 22
 
 
 def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The same array, read-only from now on."""
+    """Make an array read-only and return it."""
     array.flags.writeable = False
     return array
 
 
 def integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
-    """`values` as an array of integers of so many axes, checked.
+    """Check integers and return them as an array of `ndim` axes.
 
     Raises
     ------
     TypeError, ValueError
-        Values that are no integers, another number of axes.
+        Values that are not integers, or another number of axes.
     """
     array = np.asarray(values)
     if array.size == 0 and array.dtype.kind == "f":
@@ -39,7 +39,7 @@ def integers(name: str, values: npt.ArrayLike, ndim: int) -> IntArray:
 
 
 def computed_type(dtype: npt.DTypeLike | None) -> np.dtype[Any]:
-    """The type to compute in: float32, which None means, or float64, in the machine's order of bytes.
+    """Return the type to compute in, float32 (the default) or float64, in the native byte order.
 
     Raises
     ------
@@ -56,14 +56,14 @@ def computed_type(dtype: npt.DTypeLike | None) -> np.dtype[Any]:
 
 
 def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    """`values` as an array; a numpy masked array, whose mask would be lost, is refused."""
+    """Return `values` as an array; refuse a numpy masked array, whose mask would be lost."""
     if isinstance(values, np.ma.MaskedArray):
-        raise TypeError(f"{name} is a masked array: give its data, and mask=~{name}.mask to what takes a mask")
+        raise TypeError(f"{name} is a masked array: pass its data, and mask=~{name}.mask to a function with a mask")
     return np.asarray(values)
 
 
 def all_finite(values: npt.NDArray[Any]) -> bool:
-    """Whether no value is NaN or infinite, in little memory besides."""
+    """Check block by block whether no value is NaN or infinite."""
     if values.dtype.kind != "f":
         return True
     flat = values.reshape(-1) if values.flags.c_contiguous else values
@@ -72,12 +72,12 @@ def all_finite(values: npt.NDArray[Any]) -> bool:
 
 
 def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
-    """Coordinates as a float64 array (n, d), n >= 1 and d >= 1.
+    """Check coordinates and return them as a float64 array (n, d), n >= 1 and d >= 1.
 
     Raises
     ------
     TypeError, ValueError
-        Values that are not real and finite, another shape.
+        Values that are not real and finite, or another shape.
     """
     array = unmasked(points, name)
     if array.dtype.kind not in "biuf":
@@ -91,12 +91,12 @@ def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
 
 
 def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:
-    """Faces as an int64 array (F, k) of vertices 0..n_vertices - 1, k >= 3 corners each.
+    """Check faces and return them as an int64 array (F, k) of vertices 0..n_vertices - 1, with k >= 3 corners.
 
     Raises
     ------
     TypeError, ValueError
-        Numbers that are no integers, another shape, a vertex that is not there.
+        Values that are not integers, another shape, or a vertex that does not exist.
     """
     array = np.asarray(faces)
     if array.size == 0:
@@ -112,12 +112,12 @@ def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:
 
 
 def checked_values(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
-    """Values as (n, m), in their type where it is one of floating point.
+    """Check values at the vertices and return them as (n, m), in their own floating-point type or in float64.
 
     Raises
     ------
     TypeError, ValueError
-        What is not real and finite, another shape.
+        Values that are not real and finite, or another shape.
     """
     f = unmasked(values, "values")
     if f.dtype.kind not in "biuf":
@@ -130,12 +130,12 @@ def checked_values(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
 
 
 def checked_flags(name: str, given: npt.ArrayLike, n: int) -> npt.NDArray[np.bool_]:
-    """One truth per vertex, (n,).
+    """Check a boolean array with one value per vertex, (n,).
 
     Raises
     ------
     ValueError
-        Other types and shapes.
+        Another type or shape.
     """
     flags = np.asarray(given)
     if flags.dtype != np.bool_ or flags.shape != (n,):

@@ -1,4 +1,4 @@
-"""Numbers, integers, choices and flags as they are given to gpureg, checked in one way."""
+"""Check numbers, integers, choices and flags that a caller passes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def number(
     below: float | None = None,
     finite: bool = True,
 ) -> float:
-    """A real number, checked.
+    """Check a real number and return it as a float.
 
     Parameters
     ----------
     name : str
-        The parameter, for the error.
+        Name of the parameter, for the error message.
     value : object
-        What was given. True and False are no numbers.
+        The value to check. True and False are not numbers.
     low, high : float, optional
-        The value lies in low <= value <= high.
+        Closed bounds: low <= value <= high.
     above, below : float, optional
-        The value lies in above < value < below.
+        Open bounds: above < value < below.
     finite : bool, default True
         Whether infinity is refused; NaN always is.
 
@@ -43,9 +43,9 @@ def number(
     Raises
     ------
     TypeError
-        No number.
+        Not a number.
     ValueError
-        A number out of its range.
+        A number outside its range.
 
     Examples
     --------
@@ -62,14 +62,14 @@ def number(
 
 
 def integer(name: str, value: Any, *, low: int | None = None, high: int | None = None) -> int:
-    """A whole number, checked; 3.0 is none.
+    """Check an integer and return it as an int; 3.0 is not an integer.
 
     Raises
     ------
     TypeError
-        No integer.
+        Not an integer.
     ValueError
-        An integer out of low..high.
+        An integer outside low..high.
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         raise TypeError(f"{name} must be an integer, got {value!r}")
@@ -78,7 +78,7 @@ def integer(name: str, value: Any, *, low: int | None = None, high: int | None =
 
 
 def choice(name: str, value: Any, allowed: Iterable[Word]) -> Word:
-    """One of several words, checked.
+    """Check that a value is one of the allowed words, and return it.
 
     Raises
     ------
@@ -93,13 +93,13 @@ def choice(name: str, value: Any, allowed: Iterable[Word]) -> Word:
 
 
 def either(words: Iterable[str]) -> str:
-    """Words as a list for a sentence: "a", "b" or "c"."""
+    """Join words for a sentence: "a", "b" or "c"."""
     quoted = [f'"{word}"' for word in words]
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False, checked.
+    """Check a value that must be True or False, and return it as a bool.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def _expect_inside(
     below: float | None,
     finite: bool,
 ) -> None:
-    """ValueError unless the value lies in its range."""
+    """Raise a ValueError if the value is outside its range."""
     inside = (
         not math.isnan(value)
         and (low is None or value >= low)

@@ -1,7 +1,7 @@
-"""What all public functions have in common: an error names the function that was called, and a renamed parameter.
+"""Mark the public functions, so that an error names the function that the user called.
 
-A public function, a door, often calls another one. :func:`door` marks them, so that an error that is raised inside
-begins with the name of the one that the caller wrote: ``denoise_tv: lam must be finite and >= 0, got -1``.
+A public function (a "door") often calls another one. An error that is raised in the inner one begins with the name of
+the outer one: ``denoise_tv: lam must be finite and >= 0, got -1``. An old parameter name raises an error with the new.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ D = TypeVar("D")
 R = TypeVar("R")
 T = TypeVar("T")
 
-# The public function that the caller wrote, while it runs.
+# Name of the public function that the user called, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
 RENAMED: dict[str, dict[str, str]] = {
@@ -36,7 +36,7 @@ RENAMED: dict[str, dict[str, str]] = {
     "segment_mesh": {"lams": "lam", "met_at": "merge_tol"},
     "simplify_curve": {"function": "filter"},
 }
-"""Parameters that had another name before: function, old name, what to write now."""
+"""Renamed parameters: function, old name, new name."""
 
 
 @overload
@@ -54,23 +54,23 @@ def door(
 
 
 def door(function: Any = None, /, *, name: str | None = None, options: Mapping[str, Any] | None = None) -> Any:
-    """Mark a public function, or a public class, whose constructor is then the function.
+    """Mark a public function, or the constructor of a public class.
 
     Parameters
     ----------
     function : callable or class
-        A class stays the same object; above a dataclass's own decorator.
+        A class is changed in place. On a dataclass, write this decorator above ``@dataclass``.
     name : str, optional
-        What an error calls it. None takes the function's own name.
+        Name in error messages; the default is the function's own name.
     options : mapping, optional
-        Names and defaults of the options that the function takes as ``**options`` and hands on. They become part of
-        its signature, and an option that is none of them is refused here.
+        Names and defaults of the options that the function takes as ``**options`` and passes on. They become part of
+        its signature; any other option is refused.
 
     Returns
     -------
     callable
-        The function, whose errors of type TypeError and ValueError begin with its name where it was called from
-        outside of gpureg, and which says what a parameter in :data:`RENAMED` is called now.
+        The function. If a user calls it, messages of TypeError and ValueError begin with its name. A parameter in
+        :data:`RENAMED` raises a TypeError with the new name.
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
@@ -111,18 +111,18 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
 
 
 def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:
-    """Make a function of what it returns of the result of another one, whose parameters it takes.
+    """Build a function with the parameters of `work` that returns a part of its result.
 
     Parameters
     ----------
     work : callable
-        What does the work. Its result says more than the caller of the new function asked for.
+        The function that is called. Its result contains more than the new function returns.
 
     Returns
     -------
     callable
-        A decorator of functions from the result of `work` to what the caller gets. The parameters, their types and
-        their defaults are written once, at `work`, and documented at the decorated function.
+        A decorator for a function that maps the result of `work` to the new result. The parameters, their types and
+        defaults come from `work`; the decorated function documents them.
     """
 
     def decorator(part: Callable[[D], R]) -> Callable[P, R]:
@@ -139,7 +139,7 @@ def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]
 
 
 def _with_options(signature: inspect.Signature, options: Mapping[str, Any]) -> inspect.Signature:
-    """A signature with named options in the place of ``**options``."""
+    """Replace ``**options`` in a signature by named options."""
     own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
     names = {p.name for p in own}
     more = [
@@ -152,7 +152,7 @@ def _with_options(signature: inspect.Signature, options: Mapping[str, Any]) -> i
 
 @contextmanager
 def without_names() -> Iterator[None]:
-    """Errors inside say nothing of a function: the caller wrote none, as on the command line."""
+    """Leave function names out of error messages, as on the command line, where the user called none."""
     token = _called.set("")
     try:
         yield

@@ -1,8 +1,7 @@
-"""Find the hand-written kernel sources, in a checkout or in an installed wheel.
+"""Find the kernel sources, in a checkout or in an installed wheel.
 
-The sources live in ``kernels/`` beside the package, for compilers; a wheel carries them as ``gpureg/_kernels``.
-This module takes the first of the two that exists and makes itself a package over it, so that
-``gpureg.kernels.warp.jacobi_step`` is an ordinary import and :func:`opencl_source` reads the OpenCL C files.
+A checkout has them in ``kernels/`` next to the package, a wheel in ``gpureg/_kernels``. This module becomes a package
+over that folder, so that ``gpureg.kernels.warp.jacobi_step`` can be imported.
 """
 
 from __future__ import annotations
@@ -31,11 +30,10 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 @functools.cache
 def opencl_source(stem: str) -> str:
-    """Text of ``opencl/<stem>.cl`` with its quoted includes put in place.
+    """Return the text of ``opencl/<stem>.cl`` with its quoted includes resolved.
 
-    The includes are resolved here because drivers disagree about search paths with spaces in them; each file guards
-    itself against being read twice.
-    ``#line`` directives keep the compiler's messages pointing at the real file and line.
+    OpenCL drivers treat search paths with spaces differently, so they get one text. Each file has an include guard.
+    ``#line`` directives let the compiler's messages name the real file and line.
     """
 
     def expand(name: str) -> list[str]:

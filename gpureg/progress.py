@@ -1,4 +1,4 @@
-"""A progress bar on the terminal."""
+"""Show a progress bar on the terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress_bar(show: bool, total: int, unit: str = "iterations") -> Iterator[Callable[[int], None]]:
-    """A bar on the terminal's error stream that leaves nothing behind; it pulses until the first report."""
+    """Show a bar on stderr, which is removed at the end; it pulses until the first report."""
     if not show:
         yield lambda done: None
         return

@@ -1,4 +1,4 @@
-"""The backends: one protocol, and three rooms that implement it with the same four files each."""
+"""The backends: one protocol, and numpy, OpenCL and Warp, which implement it in one folder each."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The protocol of what is on a device: graphs, weights, functions on vertices and edges, and how large they are.
+"""The protocol for data on a device: graphs, weights, functions on vertices and edges, and their sizes in bytes.
 
-Functions are device arrays that only the backend reads; ``put`` and ``get`` carry them to the device and back as host
-arrays of shape (n, channels). How a device lays out functions and weights is its own affair.
+A function is a device array in a layout that only its backend knows. ``put`` and ``get`` copy it to and from a host
+array of shape (n, channels).
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class Data(ABC):
 
     name: ClassVar[str]
 
-    # The forms in which the device holds weights: what saves memory here, whatever else is accepted.
+    # The forms of stored weights (see `patch_distance`) that save memory in this backend; others may be accepted too.
     storages: ClassVar[tuple[Storage, ...]] = ("full",)
 
-    # Whether `similarity_step` knows averaged weights, on grids of two axes.
+    # Whether `similarity_step` computes averaged weights, on grids of two axes.
     averages: ClassVar[bool] = False
 
-    # A part of a grid whose first row and column are multiples of these gets the bits of the whole from
-    # `similarity_step`; all else treats a vertex alike wherever it lies.
+    # `similarity_step` on a part of a grid gives the same bits as on the whole grid if the first row and column of the
+    # part are multiples of these. All other primitives do so for any part.
     row_block: int = 1
     column_block: int = 1
 
@@ -50,85 +50,85 @@ class Data(ABC):
 
     @abstractmethod
     def channels(self, x: Array) -> int:
-        """The number of channels of a device function, on the vertices or on the edges."""
+        """Return the number of channels of a device function, on the vertices or on the edges."""
 
     @abstractmethod
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
-        """Put a host function (n, channels) onto the device, rounded to the backend's dtype."""
+        """Copy a host function (n, channels) to the device, in the backend's dtype."""
 
     @abstractmethod
     def get(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """Get a device function as a host array (n, channels)."""
+        """Copy a device function to a host array (n, channels)."""
 
     @abstractmethod
     def empty(self, graph: AnyGraph, channels: int) -> Array:
-        """Make a device function to be written."""
+        """Allocate a device function."""
 
     @abstractmethod
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
-        """Put the graph onto the device, with weights from the host.
+        """Copy the graph to the device, with weights from the host.
 
-        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`; None means the graph's own,
-        and 1 on every edge inside its mask where it has none. A device caches its copy of a read-only array, such as
-        the graph's own weights.
+        Weights are (n_edges,) on a :class:`Graph`, (K/2, *shape) on a :class:`GridGraph`. None means the graph's own
+        weights, or 1 on every edge inside the mask if it has none. The device copy of a read-only array, such as the
+        graph's own weights, is cached.
         """
 
     @abstractmethod
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
-        """Get the weights as :meth:`prepare` takes them."""
+        """Copy the weights to the host, in the form that :meth:`prepare` takes."""
 
     @abstractmethod
     def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
-        """Put the graph onto the device with gamma(u, v), a host function on the edges, instead of weights."""
+        """Copy the graph to the device with gamma(u, v), a host function on the edges, instead of weights."""
 
     @abstractmethod
     def put_edges(self, graph: AnyGraph, values: FloatArray) -> Array:
-        """Put a host function on the directed edges onto the device.
+        """Copy a host function on the directed edges to the device.
 
-        It is (n_edges, channels) on a :class:`Graph`, (K, *shape, channels) on a :class:`GridGraph`, one plane per
-        offset with 0 where an edge leaves the grid or the mask.
+        It is (n_edges, channels) on a :class:`Graph`, (K, *shape, channels) on a :class:`GridGraph`: one plane per
+        offset, 0 where an edge leaves the grid or the mask.
         """
 
     @abstractmethod
     def get_edges(self, graph: AnyGraph, x: Array) -> FloatArray:
-        """Get a device function on the directed edges, in the form of :meth:`put_edges`."""
+        """Copy a device function on the directed edges to the host, in the form of :meth:`put_edges`."""
 
     @abstractmethod
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
-        """Make a device function on the directed edges to be written."""
+        """Allocate a device function on the directed edges."""
 
-    # Sizes: bytes that what is above takes on the device, told before it is there and without the device
+    # Bytes on the device, computed without the device
 
     @property
     def largest_buffer(self) -> int:
-        """Bytes of the largest array the device holds."""
+        """Bytes of the largest array that can be allocated."""
         return self.device.memory
 
     @abstractmethod
     def topology_bytes(self, graph: AnyGraph) -> int:
-        """What the device keeps of the graph; nothing to speak of on a grid."""
+        """Return the bytes of the graph without weights; about 0 for a grid."""
 
     @abstractmethod
     def function_bytes(self, graph: AnyGraph, channels: int) -> int:
-        """A function on the vertices."""
+        """Return the bytes of a function on the vertices."""
 
     @abstractmethod
     def edge_bytes(self, graph: AnyGraph, *, directed: bool = False) -> int:
-        """Weights in full; with `directed` gamma(u, v), one value per directed edge."""
+        """Return the bytes of weights in full precision; with `directed`, of gamma(u, v) on the directed edges."""
 
     @abstractmethod
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`patch_distance` needs for a while, besides the weights."""
+        """Return the bytes of the temporary arrays of :meth:`patch_distance`, without the weights."""
 
     def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
-        """The arrays that :meth:`similarity_step` needs for a while; `guide` is the number of its channels."""
+        """Return the bytes of the temporary arrays of :meth:`similarity_step`; `guide` is its number of channels."""
         patches = self.patch_bytes(graph, channels if guide is None else guide, radius)
         return (self.edge_bytes(graph), self.function_bytes(graph, channels), *patches)
 
     def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
-        """What a sweep needs for a while, besides the arrays that it is given; `norms` gradient norms are stored."""
+        """Return the bytes of the temporary memory of a sweep with `norms` gradient norms per vertex."""
         return 0
 
     def _out(self, graph: AnyGraph, channels: int, out: Array | None) -> Array:
-        """The function to write: the caller's, or a new one."""
+        """Return `out`, or a new function if it is None."""
         return self.empty(graph, channels) if out is None else out

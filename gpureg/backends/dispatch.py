@@ -1,7 +1,7 @@
-"""The dispatcher: which devices there are, which one "auto" takes, and why.
+"""The dispatcher: list the devices, and choose one for "auto".
 
 To add a backend: a kernel folder, a folder here with ``devices()`` and ``make(device, dtype)``, a line in
-``_BACKENDS``, and an extra in pyproject.toml. A device's rank begins with its place in ``TIERS``.
+``_BACKENDS``, and an extra in pyproject.toml. The rank of a device begins with its index in ``TIERS``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from .protocol import Backend
 from .types import BackendUnavailable, Device
 
-# name: (module, what to install where it is missing)
+# name: (module, what to install if it is missing)
 _BACKENDS = {
     "warp": ("gpureg.backends.warp.primitives", "pip install 'gpureg[warp]'"),
     "opencl": (
@@ -41,7 +41,7 @@ _probes: dict[str, _Probe] = {}
 
 
 def _probe(name: str) -> _Probe:
-    """Devices of one backend, or why there are none. Importing Warp takes a while, so each is asked once."""
+    """List the devices of one backend, or say why there are none; cached, as importing Warp is slow."""
     with _probing:
         if name not in _probes:
             _probes[name] = _ask(name)
@@ -54,28 +54,28 @@ def _ask(name: str) -> _Probe:
         found = tuple(importlib.import_module(module).devices())
     except ImportError as error:
         return _Probe((), f"{error.name or error} is not installed: {install}")
-    except Exception as error:  # a broken driver must not take the other backends down
+    except Exception as error:  # a broken driver must not stop the other backends
         return _Probe((), f"it does not start ({type(error).__name__}: {error})")
     return _Probe(found, None if found else f"no device: {install}")
 
 
 def names() -> tuple[str, ...]:
-    """Names of the backends gpureg knows, installed or not."""
+    """Return the names of all backends, installed or not."""
     return tuple(_BACKENDS)
 
 
 def devices() -> list[Device]:
-    """All devices that can be used now, in the order in which "auto" prefers them."""
+    """List all devices that can be used, in the order of preference of "auto"."""
     return sorted((device for name in _BACKENDS for device in _probe(name).devices), key=lambda device: device.rank)
 
 
 def absent() -> dict[str, str]:
-    """Backends without a device, and what would bring them."""
+    """Return the backends without a device, each with the reason and what to install."""
     return {name: problem for name in _BACKENDS if (problem := _probe(name).problem) is not None}
 
 
 def _cuda_driver() -> bool:
-    """Whether an NVIDIA driver can be loaded: a cheap question that spares the start of Warp where there is none."""
+    """Check whether an NVIDIA driver can be loaded: much faster than to start Warp."""
     import ctypes
 
     for library in ("libcuda.so.1", "nvcuda.dll"):
@@ -88,12 +88,12 @@ def _cuda_driver() -> bool:
 
 
 def auto(dtype: npt.DTypeLike = np.float32) -> Device:
-    """The device that ``backend="auto"`` takes: the fastest kind present that computes in `dtype`.
+    """Choose the device for ``backend="auto"``: the fastest kind that is available and computes in `dtype`.
 
     The order is CUDA through Warp, an OpenCL GPU, an OpenCL CPU, Warp on the CPU, numpy.
     """
     wide = np.dtype(dtype) == np.float64
-    # What a backend offers at best, as a place in TIERS: one that cannot win is not started, Warp takes a while.
+    # The best tier that a backend can have. A backend that cannot win is not started, as Warp starts slowly.
     at_best = {"warp": 0 if _cuda_driver() else 3, "opencl": 1, "numpy": 4}
     best: Device | None = None
     for name in sorted(_BACKENDS, key=lambda name: at_best.get(name, 0)):
@@ -102,18 +102,18 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
         for device in _probe(name).devices:
             if (device.float64 or not wide) and (best is None or device.rank < best.rank):
                 best = device
-    assert best is not None  # numpy is always there
+    assert best is not None  # numpy is always available
     return best
 
 
 def _forced() -> str:
-    """What the environment puts in the place of "auto", or nothing."""
+    """Return the name from GPUREG_BACKEND that replaces "auto", or an empty string."""
     forced = os.environ.get("GPUREG_BACKEND", "").strip()
     return "" if forced == "auto" else forced
 
 
 def why_auto(dtype: npt.DTypeLike = np.float32) -> str:
-    """A sentence: what "auto" takes, and why."""
+    """Return a sentence that says which device "auto" takes, and why."""
     forced = _forced()
     if forced:
         return f"GPUREG_BACKEND={forced} overrides auto."
@@ -156,21 +156,22 @@ def _make(device: Device, dtype: np.dtype[np.floating]) -> Backend:
 
 
 def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
-    """The backend of this name, computing in float32 or float64; the same object for the same device and type.
+    """Return the backend of this name; one object per device and type.
 
     Parameters
     ----------
     name : str, default "auto"
         "auto", a backend ("numpy", "opencl", "warp") or one of its devices ("opencl:1", "warp:cuda:0"). The
-        environment variable GPUREG_BACKEND takes the place of "auto".
+        environment variable GPUREG_BACKEND replaces "auto".
     dtype : dtype, default float32
+        float32 or float64.
 
     Raises
     ------
     ValueError
-        A name that no backend has, or another dtype.
+        An unknown name, or another dtype.
     BackendUnavailable
-        A backend or device that is not there; the message says what is, and what to install.
+        A backend or device that is not available; the message says what to install, and lists the available ones.
     """
     kind = np.dtype(dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):

@@ -1,11 +1,11 @@
 """The protocol of the certified solvers: duality, vectors, residuals.
 
-y, the dual variable, is a function on the directed edges: minimising the energy over f is maximising over y
+The dual variable y is a function on the directed edges. Instead of minimising the energy over f, maximise over y
 
     - sum_u phi*(|y(u, .)|) - 1/2 sum_u |d*y(u)|^2 / lam(u) + sum_u d*y(u) f0(u),    phi(t) = (t^2 + eps^2)^(p/2) / p
 
-with d* the adjoint of the difference and phi* the conjugate of phi; with the edge norm the first sum is that of
-(phi/2)*(|y(u, v)|) over the edges. The minimiser is f = f0 - d*y / lam at the best y. The equations are in
+where d* is the adjoint of the difference and phi* the conjugate of phi. With the edge norm the first sum is that of
+(phi/2)*(|y(u, v)|) over the edges. At the maximum, f = f0 - d*y / lam minimises the energy. The equations are in
 ``kernels/README.md``.
 """
 
@@ -18,14 +18,14 @@ from ..graphs.grid import AnyGraph
 from .data import Data
 from .types import Array, Conductance, Smoothness, Weighted
 
-# An edge function of p = 1 stays inside the unit ball by so many roundings: what a norm may be off by on a device.
+# At p = 1, y stays inside the unit ball by this many roundings, the error of a norm on a device.
 BALL_ROUNDINGS = 32
 
 ProxCase = Literal["ball", "square", "power", "newton"]
 
 
 def prox_case(p: float, eps: float) -> ProxCase:
-    """Which form the proximal step has: p = 1 and p = 2 are closed, eps = 0 has a closed conjugate, else Newton's."""
+    """Choose the proximal step: closed form at p = 1 and p = 2, closed conjugate at eps = 0, Newton otherwise."""
     if p == 1 and eps == 0:
         return "ball"
     if p == 2:
@@ -34,19 +34,20 @@ def prox_case(p: float, eps: float) -> ProxCase:
 
 
 class Duality(Data):
-    """What a certified or accelerated solver asks of a device besides the paper's primitives."""
+    """The primitives of the certified and accelerated solvers, which are not in the paper."""
 
-    # Vectors: they need no weights
+    # Vectors, without weights
 
     @abstractmethod
     def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
-        """Find the largest absolute difference; infinity if there is a NaN."""
+        """Compute the largest absolute difference; infinity if there is a NaN."""
 
     @abstractmethod
     def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        """Sum a b / over over vertices and channels; where `over`, a number or a function, is infinite, 0.
+        """Sum a b / over, over vertices and channels.
 
-        `over` has 1 channel or those of a and b. The sum is taken in float64, or compensated.
+        A term is 0 where `over` is infinite: a number, or a function with 1 channel or the channels of a and b. The
+        sum is in float64, or compensated.
         """
 
     def combine(
@@ -60,7 +61,7 @@ class Duality(Data):
         over: float | Array = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """Compute a x + b y / over, without the second term where `over` is infinite; `out` may be x or y."""
+        """Compute a x + b y / over; the second term is 0 where `over` is infinite. `out` may be x or y."""
         out = self._out(graph, self.channels(x), out)
         self._combine(graph, a, x, b, y, over, out)
         return out
@@ -86,11 +87,11 @@ class Duality(Data):
         *,
         out: Array | None = None,
     ) -> Array:
-        """Compute the energy's gradient, given the conductances; 0 where lam is infinite.
+        """Compute the gradient of the energy, given the conductances; 0 where lam is infinite.
 
             lam (f - f0) + p-Laplacian of f
 
-        Without f0 that is 0: then this is the matrix of eq. 25, applied to f.
+        If f0 is None it counts as 0: the result is the matrix of eq. 25, applied to f.
         """
         out = self._out(weighted.graph, self.channels(f), out)
         self._gradient(weighted, f, f0, g, lam, out)
@@ -114,17 +115,15 @@ class Duality(Data):
         beta: float,
         sigma: float,
     ) -> Array:
-        """Do a proximal step of the dual variable from y + beta (y - previous), which overwrites `previous`.
+        """Do a proximal step of the dual variable; the result overwrites `previous`.
 
-        With f* = f + beta (f - f_previous) and z = y + beta (y - previous) + sigma d_w f*: what minimises
-        |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|) over x.
+        It is the x that minimises |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|), with
+
+            z = y + beta (y - previous) + sigma d_w(f + beta (f - f_previous))
         """
 
     def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
-        """Compute the function that belongs to a dual variable; f0 where lam is infinite.
-
-        f0 - d*y / lam
-        """
+        """Compute the function f0 - d*y / lam of a dual variable y; f0 where lam is infinite."""
         out = self._out(weighted.graph, self.channels(f0), out)
         self._primal(weighted, y, f0, lam, out)
         return out
@@ -136,4 +135,4 @@ class Duality(Data):
     def duality_gap(
         self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
     ) -> float:
-        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms that are none below 0."""
+        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms >= 0."""

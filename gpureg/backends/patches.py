@@ -1,4 +1,4 @@
-"""Patches around the vertices of a grid: the form of weights that compare them, and where their cells are."""
+"""Patches around the vertices of a grid: the form of weights that compare them, and the positions of their cells."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from ..graphs.grid import AnyGraph, GridGraph, row_major
 
 @dataclass(frozen=True, eq=False)
 class PatchForm:
-    """Weights of the form s(u, v) exp(-max(rho(u, v) - shift, 0) scale), rho the distance of two patches (section 5.2).
+    """The parameters of weights that compare patches (section 5.2); rho is the distance of two patches.
 
-    With maps every vertex has a shift a and a strength q of its own: s exp(-max(rho - shift - a(u) - a(v), 0) scale
-    q(u) q(v)), symmetric in u and v.
+        s(u, v) exp(-max(rho(u, v) - shift, 0) scale)
+        s(u, v) exp(-max(rho(u, v) - shift - a(u) - a(v), 0) scale q(u) q(v))          with maps
 
     Attributes
     ----------
     profile : (2 r + 1,) float array
-        The patch's weights along one axis; their outer product is g. Ones give the flat patch.
+        The patch's weights along one axis; their outer product is g. All ones: the flat patch.
     shift : float
-        Taken off the distance.
+        Subtracted from the distance.
     scale : float or None
-        1/h^2; None leaves the distance itself.
+        1/h^2; None gives the distance itself.
     spatial : float array or None
-        s: one per forward offset of a grid, (K/2,), or one per directed edge, (n_edges,).
+        s per forward offset of a grid, (K/2,), or per directed edge, (n_edges,).
     maps : (n, 2) float array or None
-        a >= 0 and q > 0 of each vertex.
+        a >= 0 and q > 0 per vertex.
     cut : float
         Exponentials below it count as 0.
     average : int
-        In :meth:`Backend.similarity_step` alone, where the backend ``averages``: weights are sums of those of all pairs
-        (u - j, v - j) on the grid, j in a square patch of this radius.
+        Only for :meth:`Backend.similarity_step` of a backend with ``averages``: a weight is the sum of those of all
+        pairs (u - j, v - j) on the grid, with j in a square patch of this radius.
     """
 
     profile: FloatArray
@@ -60,9 +60,9 @@ class PatchForm:
 
 
 def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[FloatArray, IntArray]:
-    """`f`, (n, m), padded by a patch's radius as (m, *padded shape), and where each vertex sits in a padded channel.
+    """Pad `f`, (n, m), by `radius`; return it as (m, *padded shape), and the index of each vertex in a channel, (n,).
 
-    Patches that reach over the border of the grid are filled by reflection without the edge cell.
+    Outside the grid it is reflected, without repeating the edge cell.
     """
     grid = graph if isinstance(graph, GridGraph) else graph.grid
     if grid is None:
@@ -76,27 +76,27 @@ def padded_for_patches(graph: AnyGraph, f: FloatArray, radius: int) -> tuple[Flo
 
 
 def reflected(grid: GridGraph, f: FloatArray, radius: int) -> FloatArray:
-    """`f`, (n, m), padded by reflection without the edge cell, as (m, *padded shape)."""
+    """Pad `f`, (n, m), by reflection without repeating the edge cell; return (m, *padded shape)."""
     cells = np.moveaxis(f.reshape(*grid.shape, f.shape[1]), -1, 0)
     padded: FloatArray = np.pad(cells, [(0, 0)] + [(radius, radius)] * grid.ndim, mode="reflect")
     return padded
 
 
 def padded_shape(graph: AnyGraph, radius: int) -> tuple[int, ...]:
-    """The shape that :func:`padded_for_patches` gives a channel."""
+    """Return the shape of a channel from :func:`padded_for_patches`."""
     grid = graph if isinstance(graph, GridGraph) else graph.grid
     return (graph.n_vertices,) if grid is None else tuple(s + 2 * radius for s in grid.shape)
 
 
 def patch_jumps(patch: tuple[int, ...], strides: IntArray) -> npt.NDArray[np.int64]:
-    """Steps in numbers from a patch's centre to its cells, (cells,), from those along each axis, (ndim,)."""
+    """Return the index steps from a patch's centre to its cells, (cells,); `strides` is (ndim,)."""
     places = np.indices(patch).reshape(len(patch), math.prod(patch))
     jumps: npt.NDArray[np.int64] = strides @ (places - np.array(patch, np.int64)[:, None] // 2)
     return jumps
 
 
 def over_patches(x: FloatArray, radius: int) -> FloatArray:
-    """Sums of an array over the square patches around its cells, as far as these lie inside."""
+    """Sum an array over the square patch around each cell; cells outside count as 0."""
     for axis, size in enumerate(x.shape):
         around = np.pad(x, [(radius, radius) if a == axis else (0, 0) for a in range(x.ndim)])
         total = np.zeros_like(x)
@@ -107,7 +107,7 @@ def over_patches(x: FloatArray, radius: int) -> FloatArray:
 
 
 def patch_lines(grid: GridGraph, radius: int) -> npt.NDArray[np.int32]:
-    """The rows of a square patch as steps along the grid's leading axes, and in rows, (n_lines, ndim)."""
+    """Return the rows of a square patch, (n_lines, ndim): steps along the leading axes, then the step in rows."""
     ndim, side = grid.ndim - 1, 2 * radius + 1
     steps = np.array(list(np.ndindex((side,) * ndim)), np.int64).reshape(side**ndim, ndim) - radius
     lines: npt.NDArray[np.int32] = np.column_stack([steps, steps @ row_major(grid.shape[:-1])]).astype(np.int32)

@@ -1,6 +1,6 @@
-"""The protocol of the primitives: what a device must be able to do, and what it may do faster by overriding.
+"""The protocol of the primitives: those that every backend implements, and those that it may override.
 
-Their equations are in ``kernels/README.md``; ``data.py`` brings functions and weights onto a device and back.
+Their equations are in ``kernels/README.md``; ``data.py`` has the protocol for functions and weights.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .zones import Zones
 
 
 class Backend(Duality, Zones):
-    """One device computing in one floating-point type.
+    """One device that computes in one floating-point type.
 
     Parameters
     ----------
@@ -29,24 +29,23 @@ class Backend(Duality, Zones):
         float32 or float64.
     """
 
-    # Primitives: kernels/README.md is their contract. A public method allocates what is to be written, where the caller
-    # gives no `out`, and its counterpart with an underscore computes into it.
+    # Primitives. A public method allocates `out` if it is None; the method with an underscore writes into it.
 
     @abstractmethod
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
         """Compute weights from patches of `f`, a host function (n, m).
 
-        On a grid weights may be stored in float16 ("half"), off by at most 2^-11 of their size, or by 2^-25 where they
-        are below 2^-14. Those of patches of one cell may not be stored at all ("none"), but computed at each use.
+        On a grid, weights can be stored in float16 ("half"): the relative error is at most 2^-11, or the absolute one
+        2^-25 for weights below 2^-14. Weights of patches of one cell can be recomputed at each use ("none").
 
         Raises
         ------
         BackendUnavailable
-            A storage that this backend, or this kind of graph, does not have.
+            A storage that this backend or kind of graph does not support.
         """
 
     def degree(self, weighted: Weighted) -> Array:
-        """Sum the weights around each vertex, 1 channel; gamma(u, v)^2, where that is given."""
+        """Sum the weights (or gamma(u, v)^2, if given) around each vertex, 1 channel."""
         out = self.empty(weighted.graph, 1)
         self._degree(weighted, out)
         return out
@@ -55,7 +54,7 @@ class Backend(Duality, Zones):
     def _degree(self, weighted: Weighted, out: Array) -> None: ...
 
     def largest_weight(self, weighted: Weighted) -> Array:
-        """Find the largest weight (or gamma^2, where given) around each vertex, 1 channel; 0 where there is none."""
+        """Find the largest weight (or gamma(u, v)^2, if given) around each vertex, 1 channel; 0 without neighbours."""
         out = self.empty(weighted.graph, 1)
         self._largest_weight(weighted, out)
         return out
@@ -66,7 +65,7 @@ class Backend(Duality, Zones):
     def aggregate(
         self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, *, out: Array | None = None
     ) -> Array:
-        """Sum over averaged patches of a grid: what all patches that cover a vertex give to its neighbours' values.
+        """Sum the neighbours' values with the weights of all patches that cover a vertex of a grid.
 
         `share` and `centre` have 1 channel; the weights are stored.
         """
@@ -90,7 +89,7 @@ class Backend(Duality, Zones):
     def _difference(self, weighted: Weighted, f: Array, out: Array) -> None: ...
 
     def adjoint(self, weighted: Weighted, H: Array, *, out: Array | None = None) -> Array:
-        """Compute the adjoint of the difference, of a function on the directed edges."""
+        """Apply the adjoint of the difference to a function on the directed edges."""
         out = self._out(weighted.graph, self.channels(H), out)
         self._adjoint(weighted, H, out)
         return out
@@ -113,7 +112,7 @@ class Backend(Duality, Zones):
 
             (|grad f|^2 + eps^2)^power
 
-        With an `edge_power` each edge by itself:
+        With an `edge_power`:
 
             (sum over the edges of (d^2 + eps^2)^edge_power)^power
         """
@@ -153,7 +152,7 @@ class Backend(Duality, Zones):
         theta: float = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """Do one sweep of the Gauss-Jacobi process, given the conductances; `out` is not f."""
+        """Do one sweep of the Gauss-Jacobi process, given the conductances; `out` must not be f."""
         out = self._out(weighted.graph, self.channels(f), out)
         self._jacobi_step(weighted, f, f0, g, lam, theta, out)
         return out
@@ -174,7 +173,7 @@ class Backend(Duality, Zones):
         *,
         out: Array | None = None,
     ) -> Array:
-        """Do one step of the explicit Euler process, given the conductances; `out` is not f."""
+        """Do one step of the explicit Euler process, given the conductances; `out` must not be f."""
         out = self._out(weighted.graph, self.channels(f), out)
         self._euler_step(weighted, f, f0, g, lam, tau, out)
         return out
@@ -193,14 +192,14 @@ class Backend(Duality, Zones):
 
     @abstractmethod
     def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        """Compute the eps-smoothed energy, of eq. 20 or with the edge norm of eq. 30."""
+        """Compute the energy, smoothed by eps: eq. 20, or eq. 30 with the edge norm."""
 
-    # Steps made of several primitives: a backend with a fused kernel overrides them
+    # Several primitives in one; a backend with a fused kernel overrides them
 
     def conductances(self, weighted: Weighted, f: Array, model: Smoothness, *, g: Array | None = None) -> Conductance:
-        """Compute what the p-Laplacian and both processes take.
+        """Compute the conductances for the p-Laplacian and both processes.
 
-        `g` is scratch memory of as many channels as gradient norms.
+        `g` is scratch memory with one channel per gradient norm.
         """
         if model.edge:
             return model
@@ -220,7 +219,7 @@ class Backend(Duality, Zones):
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Do a sweep from `f` to `out`: conductances, then one Jacobi step.
+        """Compute the conductances and do one Jacobi step, from `f` to `out`.
 
         `g` is scratch memory as in :meth:`conductances`.
         """
@@ -241,10 +240,9 @@ class Backend(Duality, Zones):
     ) -> Array:
         """Do one Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
 
-        With `largest` lam counts in units of the largest weight around each vertex.
-
-        The patches are those of `guide`, a host function (n, q), or of f itself. With a fused kernel the weights are
-        never stored: one step of the bilateral filter, or of nonlocal means.
+        The patches are those of `guide`, a host function (n, q), by default those of f. With `largest`, lam is in
+        units of the largest weight around each vertex. A fused kernel does not store the weights. This is one step of
+        the bilateral filter, or of nonlocal means.
         """
         weighted = self.patch_distance(graph, f if guide is None else guide, form)
         if largest:
@@ -252,11 +250,11 @@ class Backend(Duality, Zones):
         return self.jacobi_step(weighted, self.put(graph, f), f0, None, lam, out=out)
 
     def _in_units(self, graph: GridGraph, lam: float | Array, units: Array) -> Array:
-        """Lam times a function; what is infinite remains so."""
+        """Multiply lam by the function `units`; infinite values stay infinite."""
         given = lam if isinstance(lam, float | int) else self.get(graph, lam)
         fidelity = np.broadcast_to(np.asarray(given, self.dtype), (graph.n_vertices, 1))
         finite = np.where(np.isinf(fidelity), 0, fidelity) * self.get(graph, units)
         return self.put(graph, np.where(np.isinf(fidelity), fidelity, finite))
 
     def finish(self) -> None:
-        """Wait until all that was asked for is done."""
+        """Wait until the device has finished all work."""

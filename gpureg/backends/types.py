@@ -1,4 +1,4 @@
-"""The values that pass between a backend and its callers: devices, weights on a device, conductances."""
+"""The types that a backend and its callers share: devices, weights on a device, conductances."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from .patches import (
 )
 
 Array = Any
-"""A function on the vertices, on a device: opaque to all but the backend that made it."""
+"""A function on a device, in the form of the backend that made it."""
 
 
 class BackendUnavailable(RuntimeError):
-    """A backend that was named is not installed, or the device has not what the job needs."""
+    """A backend is not installed, or its device does not support what the job needs."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """One device of one backend, as ``gpureg backends`` lists it.
+    """One device of one backend, as listed by ``gpureg backends``.
 
     Attributes
     ----------
     backend : str
         "numpy", "opencl" or "warp".
     id : str
-        The name that forces it, e.g. "opencl:1" or "warp:cuda:0".
+        The name that selects it, e.g. "opencl:1" or "warp:cuda:0".
     name, driver : str
-        The device, and the driver with its version.
+        Name of the device; the driver and its version.
     kind : {"cpu", "gpu"}
     memory : int
         Bytes.
     vector_width : int
-        float32 values a kernel treats at a time.
+        float32 values that a kernel computes at a time.
     float64 : bool
         Whether the device computes in float64.
     rank : tuple
-        What "auto" sorts by, best first: the tier of the dispatcher, then what the backend knows of its drivers.
+        "auto" takes the smallest: the tier of the dispatcher, then numbers of the backend.
     handle : object
-        The backend's own.
+        The device object of the backend's library.
     """
 
     backend: str
@@ -60,10 +60,9 @@ class Device:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """What the smoothness of the energy depends on besides the weights: the degree p, eps, and which norm.
+    """The parameters of the smoothness term of the energy: the degree p, eps, and the norm.
 
-    With `edge` it also stands for the conductances of the edges themselves (eq. 30), which depend on the function at
-    both ends, where conductances on the vertices would be a function g:
+    With `edge` it also serves as the conductances (eq. 30), which each kernel computes from the function at both ends:
 
         |d_w(f)(u, v)|_eps^(p - 2)
 
@@ -74,9 +73,9 @@ class Smoothness:
     eps : float
         Smoothing of the gradient norm (eq. 15), >= 0.
     coupled : bool
-        One gradient norm for all channels, or one for each.
+        One gradient norm for all channels instead of one per channel.
     edge : bool
-        The smoothness of eq. 30 (each edge by itself) instead of eq. 20.
+        The smoothness of eq. 30 (a norm per edge) instead of eq. 20.
     """
 
     p: float
@@ -86,22 +85,22 @@ class Smoothness:
 
     @property
     def power(self) -> float:
-        """The power of the squared norm that gives the conductance."""
+        """Exponent of the squared norm in the conductance."""
         return (self.p - 2) / 2
 
     def norms(self, channels: int) -> int:
-        """Number of gradient norms per vertex."""
+        """Return the number of gradient norms per vertex."""
         return 1 if self.coupled else channels
 
     @property
     def has_function(self) -> bool:
-        """Whether the conductances are a function on the vertices that has to be stored."""
+        """Whether the conductances are a stored function on the vertices."""
         return self.p != 2 and not self.edge
 
 
 Storage = Literal["full", "half", "none"]
 Conductance = Array | Smoothness | None
-"""g = |grad f|^(p - 2) on the vertices, or a smoothness with the edge norm, or None: p = 2."""
+"""g = |grad f|^(p - 2) on the vertices, a smoothness with the edge norm, or None for p = 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +111,13 @@ class Weighted:
     ----------
     graph : Graph or GridGraph
     topology : object
-        What the device keeps of the graph.
+        The graph on the device.
     weights : object or None
-        The weights, in the device's own layout; None means 1 on every edge.
+        The weights, in the backend's layout; None means 1 on every edge.
     directed : bool
-        Whether `weights` holds gamma(u, v), one value per directed edge, instead of w.
+        Whether `weights` are gamma(u, v), one value per directed edge, instead of w.
     storage : {"full", "half", "none"}
-        In which form `weights` holds w, see :meth:`Backend.patch_distance`.
+        How w is stored, see :meth:`Backend.patch_distance`.
     """
 
     graph: AnyGraph
@@ -129,14 +128,14 @@ class Weighted:
 
 
 def expect_stored(weighted: Weighted) -> GridGraph:
-    """The grid of weights that are stored there, once per pair."""
+    """Return the grid, or raise BackendUnavailable unless its weights are stored once per pair."""
     if not isinstance(weighted.graph, GridGraph) or weighted.directed or weighted.storage == "none":
         raise BackendUnavailable("averaged patches need weights stored on a GridGraph")
     return weighted.graph
 
 
 class DeviceCopies:
-    """A cache of device copies of read-only host arrays, such as a graph's own weights: each is uploaded once.
+    """A cache of device copies of read-only host arrays, such as a graph's own weights.
 
     An entry lives as long as its host array.
     """
@@ -145,8 +144,8 @@ class DeviceCopies:
         self._copies: dict[int, tuple[weakref.ref[FloatArray], Any]] = {}
 
     def copy(self, array: FloatArray, make: Callable[[FloatArray], Any]) -> Any:
-        """Get what `make` gave for this very array before, or gives now."""
-        if array.flags.writeable or array.base is not None:  # the owner of a view may still write to it
+        """Return the cached copy of this array, or make it."""
+        if array.flags.writeable or array.base is not None:  # the base of a view may be writeable
             return make(array)
         found = self._copies.get(id(array))
         if found is not None and found[0]() is array:
@@ -158,19 +157,19 @@ class DeviceCopies:
 
 
 def expect_storage(graph: AnyGraph, form: PatchForm, storage: Storage) -> None:
-    """BackendUnavailable unless weights of this form can be stored so on this kind of graph."""
+    """Raise BackendUnavailable unless weights of this form can have this storage on this graph."""
     if storage == "full":
         return
     if not isinstance(graph, GridGraph) or form.scale is None:
-        raise BackendUnavailable("weights in float16, or recomputed, are for a GridGraph and for similarities")
+        raise BackendUnavailable("weights in float16 or recomputed weights need a GridGraph and a similarity")
     if storage == "none" and (form.maps is not None or form.cut):
-        raise BackendUnavailable("weights that are cut off, or have maps of parameters, are stored, not recomputed")
+        raise BackendUnavailable("weights with a cut-off or with maps of parameters cannot be recomputed: store them")
     if storage == "none" and form.radius:
-        raise BackendUnavailable("only weights between single cells (bilateral) are recomputed; patches are stored")
+        raise BackendUnavailable("only weights between single cells (bilateral) can be recomputed, not patches")
 
 
 def host_weights(graph: AnyGraph, weights: FloatArray | None) -> FloatArray | None:
-    """The weights, or the graph's own instead of None; None where every edge has weight 1."""
+    """Return the weights, or the graph's own if None; None if every edge has weight 1."""
     if weights is not None:
         return weights
     if isinstance(graph, GridGraph):

@@ -1,10 +1,10 @@
 /* adjoint(u) = sum_v gamma(u, v) (H(v, u) - H(u, v))                                     (eq. 7, Proposition 1)
  *
- * The divergence is its opposite.
+ * The divergence is -adjoint.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights and 2 D M values of edges, of which a grid finds half in the
- * cache, on CSR also D places of opposite edges; writes M numbers.
+ * Traffic per vertex with D neighbours: reads D weights and 2 D M edge values (grid: half of them from the cache; CSR:
+ * also D indices of opposite edges); writes M numbers.
  */
 #ifdef GRID
 #include "grid.cl"

@@ -1,14 +1,14 @@
 /* out(x) = N_0(x) F(x) + sum_o N_o(x) F(x + o),   N_o(x) = sum_j s(x - j) w(x - j, x - j + o)
  *                                                                        (Buades, Coll, Morel, IPOL 2011, patchwise)
- * N_0(x) = sum_j c(x - j). Sums over the offsets o of the window and j of a square patch of radius R, as far as x + o,
- * x - j and x - j + o are vertices. With s one over the sum of the weights around a vertex, and c the centre's own
- * share, N_o(x) is what all patches that cover x give to x + o: averaged patches instead of averaged pixels. F carries
- * a channel of ones, or the mask, by whose sum the host divides the others.
+ * N_0(x) = sum_j c(x - j). The sums are over the offsets o of the window and j of a square patch of radius R such that
+ * x + o, x - j and x - j + o are vertices. s = 1 / (sum of the weights around a vertex), and c is the share of the
+ * centre. N_o(x) is the total weight of x + o in all patches that contain x: patches are averaged instead of pixels. F
+ * has a channel of ones, or the mask; the host divides the other channels by its sum.
  *
- * Grid alone. One work item: a pack of N. For each offset it adds s w down the 2 R + 1 rows of the patch, for the packs
- * that the patch reaches, then along the rows.
- * Traffic per vertex of D neighbours: reads D weights, 2 + M values and as often again as cache lines leave the cache
- * between the rows of a patch; writes M numbers. Arithmetic per neighbour: 2 (2 R + 1) (1 + 2 R/N) + 2 R + 2 M.
+ * Grid only. One work item: a pack of N. For each offset it sums s w down the 2 R + 1 rows of the patch, then along the
+ * rows.
+ * Traffic per vertex with D neighbours: reads D weights and 2 + M values, more if cache lines are evicted between the
+ * rows of a patch; writes M numbers. Arithmetic per neighbour: 2 (2 R + 1) (1 + 2 R/N) + 2 R + 2 M.
  */
 #include "grid.cl"
 
@@ -18,9 +18,9 @@
 #ifndef M
 #define M 1
 #endif
-#define WIDE (1 + (2 * R + N - 1) / N) /* packs that the patch of a pack reaches along a row */
+#define WIDE (1 + (2 * R + N - 1) / N) /* packs of a row that contain the patches of a pack */
 
-/* A pack's values, 0 where the cells from x on are none of the row. */
+/* The values of a pack at x, 0 for cells outside the row. */
 #define ON_ROW(x_, values) (inner ? (values) : WHERE((x_) + LANES >= 0 && (x_) + LANES < width, values))
 
 __kernel void aggregate(
@@ -57,7 +57,7 @@ __kernel void aggregate(
             }
             if (!exists) continue;
             const long r = row + line[NDIM - 1], from = guard + r * pitch;
-            /* stored at u when k leads forward, at v when it leads back */
+            /* stored at u if k is a forward offset, otherwise at v */
             const long place = weight_guard + (k >= H ? (r * H + k - H) * weight_pitch
                                                       : ((r + row_jump) * H + H - 1 - k) * weight_pitch + step);
 #pragma unroll

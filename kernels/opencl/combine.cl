@@ -2,7 +2,7 @@
  *
  * Where over is infinite: a x(u).
  *
- * One work item: one vertex (CSR) or a pack of N (grid); it reads its own numbers alone, so that out may be x or y.
+ * One work item: one vertex (CSR) or a pack of N (grid); it reads only its own numbers, so that out may be x or y.
  * Traffic per vertex: reads 2 M values and over, writes M. The weights are not read.
  */
 #ifdef GRID
@@ -23,7 +23,7 @@ __kernel void combine(
     __global const real *y_, /* M channels */
     OVER_ARGS,
     /* output */
-    __global real *out) /* M channels; x_ or y_ itself, or apart from them */
+    __global real *out) /* M channels; x_, y_ or another buffer */
 {
     VERTEX
     for (int c = 0; c < M; ++c) {

@@ -1,10 +1,10 @@
-/* The conductances of the edge (u, v) that the p-Laplacian and the two processes multiply gamma's part with:
+/* The conductance of an edge (u, v), for the p-Laplacian, both processes and the gradient:
  *
  *   vertex norm    g(u) + g(v), g = |grad_w f|^(p - 2) from a buffer (CONDUCTANCES), or 2: p = 2     (eq. 12, 25)
  *   edge norm      (d_w(f)(u, v)^2 + eps^2)^((p - 2)/2), from f itself (EDGE_NORM)                  (from eq. 30)
  *
- * CONDUCTANCES_OF_EDGE stands inside the loop over the neighbours, after `here` has got f(u). It declares
- * conductance[G]; G = 1: one for all channels.
+ * CONDUCTANCES_OF_EDGE is used in a loop over the neighbours, with f(u) in `here`. It declares conductance[G]; G = 1:
+ * one for all channels.
  */
 #ifndef CONDUCTANCE_CL
 #define CONDUCTANCE_CL

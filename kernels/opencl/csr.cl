@@ -1,17 +1,17 @@
-/* A vertex's neighbours in a CSR graph. Gives the primitives the same names as grid.cl, so that each is written once:
+/* The neighbours of a vertex in a stored (CSR) graph, under the same names as in grid.cl:
  *
- *   GRAPH_ARGS                 the kernel arguments that hold the graph
- *   VERTEX                     declares this work item's vertex u, or ends the work item
+ *   GRAPH_ARGS                 the kernel arguments for the graph
+ *   VERTEX                     declares the vertex u of this work item, or ends the work item
  *   AT(u, c, channels)         index of channel c of vertex u in a function of that many channels
- *   NEIGHBOURS ... END         a loop over the neighbours v of u, with what gamma.cl takes of the edge
- *   OFFSETS ... END            the same loop without what gamma.cl takes
- *   EDGE_AT(c, channels)       inside it, index of channel c of the edge (u, v) in a function on the edges; OPPOSITE_AT
- *                              that of (v, u)
- *   CLEAR_EDGES(p, channels)   zeros where a function on the edges has room for edges that do not exist (here: nowhere)
- *   USED(x)                    x, or 0 in lanes that hold no vertex (here: x)
+ *   NEIGHBOURS ... END         a loop over the neighbours v of u, with the edge variables for gamma.cl
+ *   OFFSETS ... END            the same loop without the edge variables
+ *   EDGE_AT(c, channels)       in the loop, index of channel c of the edge (u, v) in a function on the edges
+ *   OPPOSITE_AT(c, channels)   likewise for (v, u)
+ *   CLEAR_EDGES(p, channels)   writes 0 for edges that do not exist (only on a grid)
+ *   USED(x)                    x, or 0 in lanes without a vertex (only on a grid)
  *   SEGMENT_BEGIN ... SEGMENT_END    a loop over all vertices u of this work item's segment, for sums
  *
- * Functions on vertices are interleaved, (n, channels): a gather brings all channels of a neighbour at once.
+ * Functions on vertices are interleaved, (n, channels): a neighbour's channels are adjacent.
  */
 #ifndef CSR_CL
 #define CSR_CL
@@ -28,7 +28,7 @@
     __global const long *indptr,       /* (n + 1,) */                                                                 \
     __global const INDEX *indices,     /* (n_edges,) */                                                               \
     __global const real *weights,      /* (n_edges,), one per directed edge: w with WEIGHTED, gamma with GAMMA */     \
-    __global const long *mirror        /* (n_edges,): the place of (v, u); read with GAMMA, and by adjoint */
+    __global const long *mirror        /* (n_edges,): the index of (v, u); read with GAMMA, and by adjoint */
 /* clang-format on */
 
 #define VERTEX                       \

@@ -1,8 +1,8 @@
 /* degree(u) = sum_v gamma(u, v)^2, which is sum_v w(u, v) with gamma = sqrt(w)                      (section 2.1)
- * with LARGEST max_v of the same: what a centre as heavy as the heaviest neighbour weighs.
+ * with LARGEST: max_v gamma(u, v)^2
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
+ * Traffic per vertex with D neighbours: reads D weights (CSR: also D indices); writes one number.
  */
 #ifdef GRID
 #include "grid.cl"

@@ -1,8 +1,8 @@
 /* difference(u, v) = gamma(v, u) f(v) - gamma(u, v) f(u)                          (eq. 4; the edge derivative of eq. 5)
  *
  * One work item: the edges of one vertex (CSR) or of a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the
- * cache, on CSR also D indices; writes D M numbers, on a grid 0 where an edge leaves it.
+ * Traffic per vertex with D neighbours: reads D weights and (D + 1) M values (grid: all but M from the cache; CSR: also
+ * D indices); writes D M numbers, 0 where an edge leaves the grid.
  */
 #ifdef GRID
 #include "grid.cl"

@@ -1,9 +1,9 @@
 /* dot = sum_u a(u) b(u) / over(u)
  *
- * A vertex where over is infinite has no term.
+ * The term is 0 where over is infinite.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these. The
- * kernel has another name than the file: OpenCL C has a dot of its own.
+ * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
+ * The kernel is named dot_product, as OpenCL C has a built-in dot.
  * Traffic per vertex: reads 2 M values and over. The weights are not read.
  */
 #ifdef GRID

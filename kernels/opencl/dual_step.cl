@@ -1,11 +1,11 @@
 /* prox of sigma phi* at z(u, .) = y + beta (y - y_previous) + sigma d_w(f + beta (f - f_previous))
  *
- * x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.cl). EDGE_NORM: r = |z(u, v)|, one edge for itself.
+ * x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.cl). EDGE_NORM: r = |z(u, v)|.
  *
- * One work item: the edges of one vertex (CSR) or of a pack of N (grid), which alone it reads and writes. A norm over
- * all edges needs them twice: z waits in the place of the result, in the nearest cache. Traffic per vertex of D
- * neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid finds all but 2 M in
- * the cache, on CSR also D indices; writes D M numbers.
+ * One work item: the edges of one vertex (CSR) or of a pack of N (grid); no other work item reads or writes them. A
+ * norm over all edges needs z twice: z is stored in `out` first.
+ * Traffic per vertex with D neighbours: reads D weights, 2 D M edge values and 2 (D + 1) M vertex values (grid: all but
+ * 2 M of the latter from the cache; CSR: also D indices); writes D M numbers.
  */
 #include "prox.cl"
 
@@ -18,7 +18,7 @@ __kernel void dual_step(
     const real sigma,
     const real p,
     const real eps,
-    /* y's predecessor, and output */
+    /* the previous y, and output */
     __global real *out) /* M channels per directed edge */
 {
     VERTEX

@@ -1,15 +1,15 @@
 /* sum_u [phi(|grad_w f(u)|) + phi*(|y(u, .)|) - sum_v d_w(f)(u, v) y(u, v) + |lam (f - f0) + adjoint(y)|^2 / (2 lam)]
  *
- * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); no term is below 0.
- * EDGE_NORM: phi/2 and its conjugate at every edge. Where lam is infinite there is no last term.
+ * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); all terms are >= 0.
+ * EDGE_NORM: phi/2 and its conjugate per edge. The last term is 0 where lam is infinite.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these.
- * Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges, of which a grid finds half in the cache,
- * (D + 2) M of vertices and lam, on CSR also D indices and D places of opposite edges.
+ * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
+ * Traffic per vertex with D neighbours: reads D weights, 2 D M edge values (grid: half of them from the cache), (D + 2)
+ * M vertex values and lam; CSR: also D indices of neighbours and D of opposite edges.
  */
 #include "prox.cl"
 
-/* phi + phi* - product of one norm. */
+/* phi + phi* - product, for one norm. */
 #define DUALITY(c) (SHARE * raise(derivative[c] + eps * eps, p / 2) / p + conjugate(dual[c], p, eps) - product[c])
 
 __kernel void duality_gap(
@@ -18,8 +18,8 @@ __kernel void duality_gap(
     __global const real *f,    /* M channels */
     __global const real *y,    /* M channels per directed edge */
     __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real p,
     const real eps,
     /* output */

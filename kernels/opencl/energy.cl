@@ -1,12 +1,12 @@
 /* energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
  *
  * EDGE_NORM: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq.
- * 30). The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the
- * second term is left out: f = f0 there.
+ * 30). With one gradient norm per channel (G = M) the first term is summed over channels. The second term is 0 where
+ * lam is infinite, as f = f0 there.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum, the host adds these. The
- * segments depend on the graph alone, so the bits are the same on every run.
- * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values and lam, on CSR also D indices.
+ * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
+ * The segments depend only on the graph, so every run gives the same bits.
+ * Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices).
  */
 #include "squared_gradient.cl"
 
@@ -15,8 +15,8 @@ __kernel void energy(
     const long segment,
     __global const real *f,    /* M channels */
     __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real p,
     const real eps2, /* eps^2 */
     /* output */

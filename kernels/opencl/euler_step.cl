@@ -2,13 +2,13 @@
  *
  *   out(u) = f(u) + tau (lam (f0(u) - f(u)) - p_laplacian(f)(u))
  *
- * tau is a number, or one value per vertex (TAU_ARRAY: gamma with a factor of the vertex's own is a change of variable,
- * which changes the step too); lam likewise (LAM_ARRAY). Where lam is infinite, out = f0. The p-Laplacian is eq. 12
- * with the conductances of conductance.cl.
+ * tau is a number, or one value per vertex (TAU_ARRAY: a factor of gamma per vertex is a change of variable, which also
+ * changes the step); lam likewise (LAM_ARRAY). Where lam is infinite, out = f0. The p-Laplacian is eq. 12 with the
+ * conductances of conductance.cl.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge
- * norm), lam and tau, of which a grid finds all but 2 M + G + 2 in the cache, on CSR also D indices; writes M numbers.
+ * Traffic per vertex with D neighbours: reads D weights, and (D + 2) M values, (D + 1) G conductances (none with the
+ * edge norm), lam and tau (grid: all but 2 M + G + 2 from the cache; CSR: also D indices); writes M numbers.
  */
 #ifdef GRID
 #include "grid.cl"
@@ -22,10 +22,10 @@ __kernel void euler_step(
     __global const real *f,  /* M channels */
     __global const real *f0, /* M channels */
     CONDUCTANCE_ARGS,
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
-    __global const real *taus, /* 1 channel; not read without TAU_ARRAY */
-    const real tau_,           /* not read with TAU_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
+    __global const real *taus, /* 1 channel; read with TAU_ARRAY */
+    const real tau_,           /* read without TAU_ARRAY */
     /* output */
     __global real *out) /* M channels; not f */
 {

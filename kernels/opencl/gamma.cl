@@ -1,15 +1,15 @@
-/* What gamma makes of an edge (u, v), under the same names for its two forms. Included by csr.cl and grid.cl.
+/* The factors of an edge (u, v), under the same names for both forms of gamma. Included by csr.cl and grid.cl.
  *
- * gamma = sqrt(w), symmetric: w is the weight. GAMMA: one value per directed edge, own = gamma(u, v) and
- * other = gamma(v, u); they come from the buffer of the weights.
+ * By default gamma = sqrt(w), with the weight w. GAMMA: one value per directed edge, own = gamma(u, v) and
+ * other = gamma(v, u), from the buffer of the weights.
  *
- *   DIFFERENCE(a, b)   d of an edge with f(u) = a, f(v) = b, up to the factor sqrt(w) that the next three bring in
+ *   DIFFERENCE(a, b)   d of an edge with f(u) = a, f(v) = b, without the factor sqrt(w); d of the next three
  *   SQUARED(d)         d_w(f)(u, v)^2                                                            (eq. 4)
  *   DERIVED(d)         d_w(f)(u, v)
  *   FLOW(d)            gamma(u, v) d_w(f)(u, v)
- *   HOLD, PULL         gamma(u, v)^2, gamma(u, v) gamma(v, u): what alpha and beta of eq. 25 begin with
+ *   HOLD, PULL         gamma(u, v)^2 and gamma(u, v) gamma(v, u), for alpha and beta of eq. 25
  *   OWN                gamma(u, v)
- *   PRESENT            whether there is an edge at all: an edge without weight has no term in a sum over edges
+ *   PRESENT            whether the edge exists; a sum over edges skips edges of weight 0
  */
 #ifndef GAMMA_CL
 #define GAMMA_CL

@@ -1,10 +1,10 @@
 /* gradient(u) = lam (f(u) - f0(u)) + p_laplacian(f)(u)
  *
- * The gradient of the energy (eq. 19), given the conductances (conductance.cl); without F0 that of f0 = 0, which is the
- * matrix of eq. 25 applied to f. Where lam is infinite: 0.
+ * The gradient of the energy (eq. 19), given the conductances (conductance.cl); 0 where lam is infinite. Without F0, f0
+ * counts as 0: the result is the matrix of eq. 25 applied to f.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex: that of p_laplacian, M values of f0 and lam.
+ * Traffic per vertex: as p_laplacian, plus M values of f0, and lam.
  */
 #ifdef GRID
 #include "grid.cl"
@@ -18,8 +18,8 @@ __kernel void gradient(
     __global const real *f,  /* M channels */
     __global const real *f0, /* M channels; read with F0 */
     CONDUCTANCE_ARGS,
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     /* output */
     __global real *out) /* M channels */
 {

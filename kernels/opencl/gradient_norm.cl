@@ -1,15 +1,15 @@
 /* gradient_norm(u) = (|grad_w f(u)|^2 + eps^2)^power,   |grad_w f(u)|^2 = sum_v d_w(f)(u, v)^2
  *                                                                                  (eq. 9, 15, section 5.1)
- * With gamma = sqrt(w), d_w(f)(u, v)^2 = w(u, v) |f(v) - f(u)|^2. One gradient norm for all M channels (G = 1), or one
- * each (G = M). power 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the density of
- * the energy. The power is taken of the sum, never of a root.
+ * With gamma = sqrt(w), d_w(f)(u, v)^2 = w(u, v) |f(v) - f(u)|^2. G = 1: one gradient norm for all M channels; G = M:
+ * one per channel. power = 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the
+ * density of the energy.
  *
  * EDGE_NORM: (sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power)^power instead, over the edges whose gamma is not 0; p/2 and
  * 1/p give the L^p norm of eq. 10.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the
- * cache, on CSR also D indices; writes G numbers.
+ * Traffic per vertex with D neighbours: reads D weights and (D + 1) M values (grid: all but M from the cache; CSR: also
+ * D indices); writes G numbers.
  */
 #include "squared_gradient.cl"
 

@@ -1,20 +1,18 @@
-/* A pack's neighbours on an implicit grid of NDIM axes: N vertices next to each other on a row, a row being a line of
- * cells along the last axis. Gives the primitives the same names as csr.cl (which explains them), so that each is
- * written once.
+/* The neighbours of a pack of N adjacent vertices on a row of an implicit grid of NDIM axes, under the same names as in
+ * csr.cl, which explains them. A row is a line of cells along the last axis.
  *
  * Layout. Functions are planar: channel c of row r begins at c * plane + guard + r * pitch. Rows are padded to a
- * multiple of N; lanes past the end of a row hold no vertex, compute along, and are 0 in every function that is read.
- * `guard` cells before and after all rows keep the reads of border packs inside the buffer.
- * Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one
- * sweep streams through them: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. A
- * plane's tail of zeros is longer than the window's reach, so that a pack that reaches over either end of its row reads
- * 0. Functions on the edges (gamma with GAMMA among them) lie in the same way, for the whole window of 2 H offsets:
- * channel c of offset k takes the place of weight k * channels + c; 0 where an edge leaves the grid.
+ * multiple of N: the lanes past the end of a row have no vertex, and are 0 in every function that is read. There are
+ * `guard` cells before and after all rows, so that the reads of border packs stay inside the buffer.
+ * Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that a sweep
+ * reads them in order: weight h of cell x of row r is at weight_guard + (r * H + h) * weight_pitch + x. Each row of
+ * weights is followed by more zeros than the reach of the window, so that a pack reads 0 past both ends of its row.
+ * Functions on the edges (also gamma, with GAMMA) have the same layout for the whole window of 2 H offsets: channel c
+ * of offset k is at the index of weight k * channels + c; 0 where an edge leaves the grid.
  *
- * The window. A loop over the neighbours must not look up each offset and ask whether its row exists. Its offsets come
- * as runs: offsets next to each other on one row, so that all this is asked once a run, and the loop inside moves by
- * one cell and one plane of weights a turn. A small window is compiled in (WINDOW offsets, of WINDOW_ROWS and
- * WINDOW_STEPS) and unrolled: no table, no loop. One binary serves all wide windows.
+ * The window. Adjacent offsets on one row form a run: the row is looked up and checked once per run, and the inner loop
+ * steps by one cell and one row of weights. A small window is compiled in (WINDOW offsets, of WINDOW_ROWS and
+ * WINDOW_STEPS) and unrolled; all other windows share one binary.
  */
 #ifndef GRID_CL
 #define GRID_CL
@@ -47,14 +45,14 @@ typedef real weight_t;
     __global const int *runs,            /* (n_runs, 3): first offset, its step along the row, offsets in the run */  \
     const long weight_pitch,                                                                                          \
     const long weight_guard,                                                                                          \
-    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED what they compare */   \
+    __global const weight_t *weights,    /* w with WEIGHTED, gamma with GAMMA; with RECOMPUTED the function F */      \
     __global const real *nearness,       /* (H,): spatial factors of the weights; read with RECOMPUTED */             \
-    const real weight_shift,             /* these two likewise */                                                     \
+    const real weight_shift,             /* read with RECOMPUTED, as the next */                                      \
     const real weight_scale
 /* clang-format on */
 
-/* With HALF_WEIGHTS weights are stored in float16: off by at most 2^-11 of their size, or 2^-25 below 2^-14. They are
- * not negative, so that their bits, moved to the place they have in a float32, are the number times 2^-112, exactly. */
+/* With HALF_WEIGHTS weights are in float16: the relative error is at most 2^-11, or the absolute one 2^-25 for weights
+ * below 2^-14. As weights are >= 0, their bits shifted to those of a float32 are exactly the weight times 2^-112. */
 #ifdef HALF_WEIGHTS
 #define HALF_UNIT 5.192296858534828e33f /* 2^112 */
 #if N == 1
@@ -71,14 +69,14 @@ typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
 #define LOAD_WEIGHT(p, i) LOAD(p, i)
 #endif
 
-/* The same as arguments of a call. */
+/* GRAPH_ARGS as the arguments of a call. */
 /* clang-format off */
 #define GRAPH                                                                                                         \
     width, n_rows, pitch, plane, guard, H, reach, shape, offsets, row_jumps, n_runs, runs, weight_pitch,              \
     weight_guard, weights, nearness, weight_shift, weight_scale
 /* clang-format on */
 
-/* Coordinates of a row along the leading axes, and whether the row at offset k is inside the grid. */
+/* The coordinates of a row along the leading axes, and whether the row at offset k exists. */
 #if NDIM == 1
 #define ROW_COORDINATES
 #define ROW_EXISTS(k) true
@@ -98,8 +96,8 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 }
 #endif
 
-/* Of a pack with inner_columns no neighbour is past an end of its row; with inner_rows all neighbouring rows exist, so
- * that no one asks. */
+/* inner_columns: all neighbours of the pack are between the ends of their rows. inner_rows: all neighbouring rows
+ * exist, so that they need no check. */
 #define PACK_AT(x_, row_)                                                                \
     const int x = (x_), row = (row_);                                                    \
     const bool inner_columns = x >= reach && x + N + reach <= width, inner_rows = false; \
@@ -126,9 +124,8 @@ static inline bool row_exists(const int *place, __global const int *shape, __glo
 #ifndef Q
 #define Q 1
 #endif
-/* The weight s exp2(scale max(|F(u) - F(v)|^2 - shift, 0)) of the Q channels F that `compared` holds as a function;
- * with MASKED_WEIGHTS one more says which cells are in the mask. An exponential for each end of an edge at each use:
- * slower than to load the weight through a wide window, but nothing is stored per edge. */
+/* The weight s exp2(scale max(|F(u) - F(v)|^2 - shift, 0)), F the Q channels of `compared`; with MASKED_WEIGHTS one
+ * more channel is the mask. This is slower than to load weights of a wide window, but nothing is stored per edge. */
 static inline realN recomputed(
     __global const real *compared,
     const long plane,
@@ -152,9 +149,8 @@ static inline realN recomputed(
 }
 #endif
 
-/* Of the edge from u along offset k. A weight is stored at u when k leads forward, at v when it leads back. Without
- * weights a pack asks once whether it is near an end of its row; lanes that hold no vertex need no test, what they
- * compute is dropped. */
+/* The edge from u along offset k: its weight is stored at u if k is a forward offset, otherwise at v. Without weights,
+ * only packs near an end of their row check their neighbours; the results of lanes without a vertex are dropped. */
 #ifdef GAMMA
 #define EDGE_PLACE
 #define EDGE_FACTORS const realN own = LOAD(weights, EDGE_AT(0, 1)), other = LOAD(weights, OPPOSITE_AT(0, 1));

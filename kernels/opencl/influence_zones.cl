@@ -1,22 +1,21 @@
 /* mu(u) = min over v of mu(v) + length(u, v) (section 5.2): one round towards the energy partition.
  *
- * Every vertex has its distance mu from the sources and a tag, the edges of the path that gave mu times 2^32, plus the
- * label of its source. A vertex takes the least (mu(v) + length, tag(v) + hop) of its neighbours, compared in this
- * order, if that is less than what it has: the least energy, then with hop = 2^32 the fewest edges, then the smallest
- * label. All are integers, so that nothing is rounded, and what no round changes any more does not depend on the order
- * in which vertices were treated.
+ * Every vertex has its distance mu from the sources and a tag: 2^32 times the number of edges of its path, plus the
+ * label of its source. A vertex takes the smallest (mu(v) + length, tag(v) + hop) of its neighbours, in lexicographic
+ * order, if that is smaller than its own: the least energy, then with hop = 2^32 the fewest edges, then the smallest
+ * label. Integers are exact, so the result after all rounds does not depend on the order of the vertices.
  *
- * One work item: a block of neighbouring vertices, until nothing in it can move. It reads its own vertices as they are
- * by then, those of other blocks as they were before the round: a path crosses a block in one round, and no work item
- * reads what another one writes. In the first round it goes down the lines and up again, each there and back, which
- * brings most vertices to rest where sources are many; in later ones it looks at those that have neighbours in other
- * blocks. Then it goes on from the vertices that moved last as Dijkstra does, the least first, by a heap. On a GPU a
- * block is one vertex, on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round
- * reads 4 K lengths and 4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex
- * that passes the heap.
+ * One work item: a block of neighbouring vertices, until none of them changes. It reads the current values of its own
+ * vertices, and those of other blocks from before the round: a path crosses a block in one round, and no work item
+ * reads what another one writes. In the first round it passes the lines down and up, each in both directions, which
+ * settles most vertices if there are many sources; in later rounds it visits the vertices with neighbours in other
+ * blocks. Then it continues from the changed vertices by Dijkstra's algorithm with a heap. A block is one vertex on a
+ * GPU; a CPU has a few blocks per core.
+ * Traffic per vertex: reads and writes 16 bytes; in the first round also reads 4 K lengths and 4 (K + 1) vertices of 16
+ * bytes, mostly from the cache; then the same for each vertex in the heap.
  *
- * On a grid an edge has its length at the end that comes first, (guard + n, H) with guard vertices of -1 before; a
- * length below 0 is no edge, as where it would leave the grid or the mask. A stored graph has one per directed edge.
+ * On a grid the length of an edge is stored at the end that comes first, (guard + n, H) with -1 in the first `guard`
+ * rows; a length < 0 means no edge, as where it leaves the grid or the mask. A stored graph has one per directed edge.
  */
 #ifndef INDEX
 #define INDEX int
@@ -28,7 +27,7 @@
 #ifdef GRID
 /* clang-format off */
 #define EDGES_ARGS                                                                                                    \
-    const long guard,                  /* vertices of -1 before the first: the largest jump */                        \
+    const long guard,                  /* rows of -1 before vertex 0: the largest jump */                             \
     __global const long *jumps,        /* (H,): from a vertex to its forward neighbours */                            \
     __global const int *lengths        /* (guard + n, H) */
 /* clang-format on */
@@ -64,7 +63,7 @@
 
 #define WITHIN(v) ((v) >= begin && (v) < end)
 
-/* What the functions below are told of a work item's block, and of the heap in it. */
+/* Arguments of the functions below: the block of a work item, and its heap. */
 /* clang-format off */
 #define BLOCK_ARGS                                                                                                    \
     const long begin,                                                                                                 \
@@ -87,7 +86,7 @@
 /* clang-format on */
 #define HEAP begin, mu_out, tag_out, heap + begin, place
 
-/* Give vertex u the best that its neighbours offer; whether that is less than what it had. */
+/* Update vertex u from its neighbours; return whether it changed. */
 static int relax(const long u, BLOCK_ARGS)
 {
     long best = mu_out[u], best_tag = tag_out[u];
@@ -110,7 +109,7 @@ static int relax(const long u, BLOCK_ARGS)
 
 #define RELAX(u) relax(u, BLOCK)
 
-/* Vertex u in a pass over the block; if it moves, its neighbours have to be looked at again. */
+/* Update vertex u in a pass over the block; if it changes, mark its neighbours to be visited again. */
 static int pass(const long u, BLOCK_ARGS, __global int *place)
 {
     place[u] = 0;
@@ -123,11 +122,11 @@ static int pass(const long u, BLOCK_ARGS, __global int *place)
 
 #define PASS(u) moved |= pass(u, BLOCK, place)
 
-/* The heap: vertices of which each is at most its (up to four) children, those of i at 4 i + 1 and after; place[u] - 1
- * is where u is, 0 - 1 nowhere. Wide nodes make it shallow: its deeper levels are in no cache. */
+/* A min-heap of vertices with four children per node, those of i from 4 i + 1 on. place[u] is 1 + the index of u, 0 if
+ * it is not in the heap. Four children make it shallow, as its deeper levels are not in the cache. */
 #define LESS(u, v) (mu_out[u] < mu_out[v] || (mu_out[u] == mu_out[v] && tag_out[u] < tag_out[v]))
 
-/* Put vertex u where it belongs, from the open place i on upwards. */
+/* Move vertex u up from the free index i. */
 static void rise(const long u, int i, HEAP_ARGS)
 {
     while (i > 0) {
@@ -142,7 +141,7 @@ static void rise(const long u, int i, HEAP_ARGS)
     place[u] = i + 1;
 }
 
-/* Put vertex u where it belongs, from the open top on downwards, in a heap of this size. */
+/* Move vertex u down from the free top of a heap of this size. */
 static void sink(const long u, const int size, HEAP_ARGS)
 {
     int i = 0;
@@ -173,19 +172,19 @@ static void sink(const long u, const int size, HEAP_ARGS)
 __kernel void influence_zones(
     const long n, /* number of vertices */
     EDGES_ARGS,
-    const long block,         /* vertices of a work item, less than 2^31 */
+    const long block,         /* vertices of a block, less than 2^31 */
     const long line,          /* vertices of a line */
-    const long reach,         /* vertices at either end of a block to look at; the whole block: all, in lines */
+    const long reach,         /* vertices to visit at each end of a block; if they cover it: all, in lines */
     const long hop,           /* what an edge adds to a tag: 2^32, or 0 */
     __global const long *mu,  /* (n,) */
     __global const long *tag, /* (n,) */
     /* scratch */
-    __global int *place, /* (n,): 0 at first, and after */
+    __global int *place, /* (n,): 0 before and after */
     __global int *heap,  /* (n,) */
     /* output */
     __global long *mu_out,  /* (n,) */
     __global long *tag_out, /* (n,) */
-    __global int *changed)  /* one number per work item: whether anything in its block moved */
+    __global int *changed)  /* one number per work item: whether a vertex of its block changed */
 {
     const long item = get_global_id(0), begin = item * block, end = min(begin + block, n);
     if (begin >= n) return;
@@ -193,7 +192,7 @@ __kernel void influence_zones(
         mu_out[u] = mu[u];
         tag_out[u] = tag[u];
     }
-    if (block == 1) { /* without the scratch */
+    if (block == 1) { /* without scratch memory */
         changed[item] = RELAX(begin);
         return;
     }

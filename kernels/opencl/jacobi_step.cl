@@ -5,11 +5,11 @@
  *
  * alpha = gamma(u, v)^2 c(u, v), beta = gamma(u, v) gamma(v, u) c(u, v), c the conductance of the edge
  * (conductance.cl). lam is a number, or one value per vertex (LAM_ARRAY). Where lam is infinite, or the denominator is
- * not above SMALLEST (lam and all weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
+ * at most SMALLEST (lam and all weights are about 0), out = f0. theta = 1 is the paper's process.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge
- * norm) and lam, of which a grid finds all but 2 M + G + 1 in the cache, on CSR also D indices; writes M numbers.
+ * Traffic per vertex with D neighbours: reads D weights, and (D + 2) M values, (D + 1) G conductances (none with the
+ * edge norm) and lam (grid: all but 2 M + G + 1 from the cache; CSR: also D indices); writes M numbers.
  */
 #ifdef GRID
 #include "grid.cl"
@@ -23,8 +23,8 @@ __kernel void jacobi_step(
     __global const real *f,  /* M channels */
     __global const real *f0, /* M channels */
     CONDUCTANCE_ARGS,
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real theta,
     /* output */
     __global real *out) /* M channels; not f */

@@ -1,7 +1,7 @@
 /* max_change = max over vertices and channels of |a - b|; infinity if any difference is not a number.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its maximum, the host takes the
- * largest of these. Traffic per vertex: reads 2 M values. The weights are not read.
+ * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its maximum; the host takes the
+ * largest one. Traffic per vertex: reads 2 M values. The weights are not read.
  */
 #ifdef GRID
 #include "grid.cl"
@@ -25,7 +25,7 @@ __kernel void max_change(
     SEGMENT_BEGIN
         for (int c = 0; c < M; ++c) {
             realN d = fabs(LOAD(a, AT(u, c, M)) - LOAD(b, AT(u, c, M)));
-            /* fmax would drop a NaN: make it the largest number instead */
+            /* fmax would drop a NaN: use infinity instead */
             d = isnan(d) ? (realN)(INFINITY) : d;
             largest = fmax(largest, USED(d));
         }

@@ -4,8 +4,8 @@
  * with the edge norm, |d_w(f)(u, v)|^(p - 2) (the derivative of eq. 30).
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex of D neighbours: reads D weights, (D + 1) M values and (D + 1) G conductances (none with the edge
- * norm), of which a grid finds all but M + G in the cache, on CSR also D indices; writes M numbers.
+ * Traffic per vertex with D neighbours: reads D weights, and (D + 1) M values and (D + 1) G conductances (none with the
+ * edge norm; grid: all but M + G from the cache; CSR: also D indices); writes M numbers.
  */
 #ifdef GRID
 #include "grid.cl"

@@ -3,15 +3,15 @@
  *                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and -DMAPS
  *
  * The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor
- * s. Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the
- * distance. f comes padded by the patch's radius (numpy's "reflect"), so that no read of a patch leaves it: one work
- * item never asks where the border is.
+ * s. Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel subtracts the contribution of noise
+ * from the distance. f is padded by the radius of the patch (numpy's "reflect"), so that no patch leaves it.
  *
- * Grid: one work item gives the weights of all forward offsets on a block of cells (strip.cl says how, and at what
- * arithmetic), in the layout of grid.cl, the zeros that lead out of the grid or the mask included.
- * CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred in the padded
- * f. Traffic per edge of a patch of P offsets: on a grid all from the cache, on CSR reads 2 P M values, nearly all from
- * the cache; writes one number. Arithmetic per edge on CSR: 3 P M operations.
+ * Grid: one work item computes the weights of all forward offsets on a block of cells (see strip.cl), in the layout of
+ * grid.cl, including the zeros where an edge leaves the grid or the mask.
+ * CSR: one work item computes the weights of all edges of one vertex; `site` is the centre of its patch in the padded
+ * f.
+ * Traffic per edge with a patch of P offsets: on a grid all from the cache; CSR: reads 2 P M values, mostly from the
+ * cache; writes one number. Arithmetic per edge on CSR: 3 P M operations.
  */
 #ifdef GRID
 #include "strip.cl"
@@ -30,8 +30,7 @@
 #define WEIGHT(rho, k, u, v) (rho)
 #endif
 
-/* In float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS).
- * */
+/* Float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
 #ifdef HALF_WEIGHTS
 typedef ushort weight_t;
 #if N == 1
@@ -57,7 +56,7 @@ typedef real weight_t;
 
 ALONE __kernel void patch_distance(
     STRIP_ARGS,
-    const long weight_pitch, /* of the weights, which lie as grid.cl says */
+    const long weight_pitch, /* of the weights, in the layout of grid.cl */
     const long weight_guard,
     /* output */
     __global weight_t *out) /* weights */
@@ -80,14 +79,14 @@ ALONE __kernel void patch_distance(
                 PUT_WEIGHT(to, p * N, w);
             }
             if (x0 + p * N < width_) continue;
-            for (; x0 + p * N < weight_pitch; ++p) PUT_WEIGHT(to, p * N, (realN)(0)); /* the zeros behind a row */
+            for (; x0 + p * N < weight_pitch; ++p) PUT_WEIGHT(to, p * N, (realN)(0)); /* the zeros after a row */
         }
     }
 }
 #else
 /* clang-format off */
 #define PATCH_ARGS                                                                                                    \
-    __global const real *padded,       /* M channels of padded_plane values each */                                   \
+    __global const real *padded,       /* M channels, padded_plane values each */                                     \
     const long padded_plane,                                                                                          \
     const int n_patch,                                                                                                \
     __global const long *patch_jumps,  /* (n_patch,): steps inside padded */                                          \
@@ -133,8 +132,8 @@ __kernel void patch_distance(
     GRAPH_ARGS,
     PATCH_ARGS,
     __global const long *site,    /* (n,) */
-    __global const real *spatial, /* (n_edges,); not read without SPATIAL */
-    __global const real *maps,    /* (n, 2): a and q; not read without MAPS */
+    __global const real *spatial, /* (n_edges,); read with SPATIAL */
+    __global const real *maps,    /* (n, 2): a and q; read with MAPS */
     /* output */
     __global real *out) /* (n_edges,) */
 {

@@ -1,9 +1,9 @@
 /* primal(u) = f0(u) - adjoint(y)(u) / lam(u)
  *
- * The function that belongs to a dual variable; where lam is infinite: f0.
+ * The function f of a dual variable y; f0 where lam is infinite.
  *
  * One work item: one vertex (CSR) or a pack of N (grid).
- * Traffic per vertex: that of adjoint, M values of f0 and lam.
+ * Traffic per vertex: as adjoint, plus M values of f0, and lam.
  */
 #ifdef GRID
 #include "grid.cl"
@@ -19,8 +19,8 @@ __kernel void primal(
     GRAPH_ARGS,
     __global const real *y,    /* M channels per directed edge */
     __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     /* output */
     __global real *out) /* M channels */
 {

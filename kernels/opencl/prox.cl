@@ -1,13 +1,13 @@
 /* length(r) = the t >= 0 with sigma t + share phi'(t) = r,   phi(t) = (t^2 + eps^2)^(p/2) / p
  *
- * s = r - sigma length(r) is the length of the proximal step of sigma (share phi)* from a point r away from 0, and with
- * sigma = 0 it is where the conjugate (share phi)*(s) = s t - share phi(t) has its maximum. PROX says what is compiled:
+ * s = r - sigma length(r) is the norm of the proximal step of sigma (share phi)* from a point of norm r. With sigma =
+ * 0, t = length(s) maximises s t - share phi(t), which gives the conjugate (share phi)*(s). PROX selects the case:
  *
  *   0   any p >= 1, eps >= 0: Newton's method     1   p = 1, eps = 0     2   p = 2     3   p > 1, eps = 0
  *
- * 1 and 2 have closed forms, 3 one for the conjugate. Newton starts on the side from which it goes straight there: phi'
- * is concave for p < 2, so below, and convex for p > 2, so above. On its way nothing is NaN: squares that underflow to
- * 0 or overflow have their limits in the place of quotients.
+ * 1 and 2 have closed forms, 3 has one for the conjugate. Newton's method converges from one side: phi' is concave for
+ * p < 2, so it starts below the solution, and convex for p > 2, so it starts above. To avoid NaN, quotients are
+ * replaced by their limits where squares underflow or overflow.
  */
 #ifndef PROX_CL
 #define PROX_CL
@@ -29,14 +29,14 @@
 
 #define SHARED(c) (G == 1 ? 0 : (c))
 
-/* The part of phi that a norm gets: an edge has two ends. */
+/* The factor of phi: 1/2 with the edge norm, as an edge has two ends. */
 #ifdef EDGE_NORM
 #define SHARE ((real)0.5)
 #else
 #define SHARE ((real)1)
 #endif
 
-/* Rounding, the smallest normal number and the largest. */
+/* Unit of rounding, smallest normal number, largest number. */
 #ifdef DOUBLE
 #define ROUNDING 2.220446049250313e-16
 #define TINY 2.2250738585072014e-308
@@ -47,10 +47,10 @@
 #define HUGE 3.4028235e38f
 #endif
 
-/* Newton steps at most; they stop once no lane moves. */
+/* The maximum number of Newton steps; they stop once no lane changes. */
 #define NEWTON_STEPS 60
 
-/* Whether the condition, a lane's -1 or 0, holds in any lane. */
+/* Whether the condition, -1 or 0 per lane, is true in any lane. */
 static inline bool any_lane(const laneN condition)
 {
 #if N == 1
@@ -67,14 +67,14 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
     const realN whole = r / SHARE;
     realN t;
     if (p < 2) {
-        /* of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1)) */
+        /* one of the two terms is at least r / 2, and phi'(t) <= min(t eps^(p - 2), t^(p - 1)) */
         const realN least = sigma > 0 ? whole / 2 : whole;
         t = least * narrow;
         if (p > 1) t = fmax(t, raise(least, 1 / (p - 1)));
         if (sigma > 0) t = fmin(t, r / (2 * sigma));
         if (p == 1) t = fmax(t, (r - SHARE) / sigma);
     } else {
-        /* neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1)) */
+        /* no term is larger than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1)) */
         t = raise(whole, 1 / (p - 1));
         if (eps > 0) t = fmin(t, whole * narrow);
         if (sigma > 0) t = fmin(t, r / sigma);
@@ -92,7 +92,7 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
         const laneN rising = rise > 0 && some;
         const realN step = rising ? value / (rising ? rise : (realN)(1)) : (realN)(0);
         const realN moved = fmax(t - step, (realN)(0));
-        /* the way goes up or down alone: what turns back is rounding */
+        /* the steps are monotone: a step back is rounding */
         const laneN moving = (p < 2 ? moved - t : t - moved) > 2 * ROUNDING * t;
         t = moved;
         if (!any_lane(moving)) break;
@@ -100,8 +100,8 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
     return t;
 }
 
-/* What a proximal step multiplies z with, given |z|^2: length s over length r, 1 at z = 0. For p = 1 the result is
- * inside the ball in spite of the roundings of a norm: the certificate needs that. */
+/* The factor s/r of z in a proximal step, given |z|^2; 1 at z = 0. The certificate needs the result for p = 1 inside
+ * the ball, in spite of the roundings of a norm. */
 #define BALL (SHARE * (1 - 32 * ROUNDING))
 static inline realN prox_factor(const realN square, const real sigma, const real p, const real eps)
 {
@@ -111,7 +111,7 @@ static inline realN prox_factor(const realN square, const real sigma, const real
     return (realN)(SHARE / (sigma + SHARE));
 #else
     const realN r = sqrt(fmin(square, (realN)(HUGE)));
-    /* of the two sides of the equation the one that loses no digits */
+    /* use the side of the equation that loses no digits */
     const realN t = length_of(r, sigma, p, eps), square_t = fmin(t * t + eps * eps, (realN)(HUGE));
     const laneN far = 2 * sigma * t > r && square_t > 0;
     realN s = far ? SHARE * t * raise(far ? square_t : (realN)(1), (p - 2) / 2) : r - sigma * t;
@@ -121,7 +121,7 @@ static inline realN prox_factor(const realN square, const real sigma, const real
 #endif
 }
 
-/* (share phi)*(s), given s^2; for p = 1, where s <= share, a larger s counts as that. */
+/* (share phi)*(s), given s^2; for p = 1 a value s > share counts as share. */
 static inline realN conjugate(const realN square, const real p, const real eps)
 {
 #if PROX == 1
@@ -135,9 +135,9 @@ static inline realN conjugate(const realN square, const real p, const real eps)
 #else
     const realN s = sqrt(square), t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
 #endif
-    /* with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest */
+    /* t maximises s t - share phi(t), so a rounded exponent has only an effect of second order */
     const realN found = s * t - SHARE * raise(t * t + eps * eps, p / 2) / p;
-    /* never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write */
+    /* the conjugate is >= -share eps^p / p: -infinity or NaN comes from an overflow */
     return found >= -(realN)(HUGE) ? found : (realN)(INFINITY);
 #endif
 }

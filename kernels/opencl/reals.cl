@@ -1,7 +1,7 @@
 /* Number types: `real` and packs of N of them.
  *
- * A work item of a grid kernel treats N vertices that lie next to each other on a row, because PoCL does not vectorise
- * a kernel that has inner loops; N = 1 suits a GPU, and CSR graphs. N and the type come as build options:
+ * A work item of a grid kernel computes a pack, N adjacent vertices on a row, because PoCL does not vectorise a kernel
+ * with inner loops; N = 1 on a GPU, and for CSR graphs. Build options:
  *   -DN=1|2|4|8|16   -DDOUBLE (float64, otherwise float32)   -DSUM_DOUBLE (the device has float64, for long sums)
  */
 #ifndef REALS_CL
@@ -17,7 +17,7 @@
 #ifdef DOUBLE
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
-typedef long lane; /* an integer as wide as real: comparisons of packs give packs of these */
+typedef long lane; /* an integer with the size of real: the result of comparisons of packs */
 #define REAL_ double
 #define LANE_ long
 #else
@@ -51,8 +51,8 @@ typedef CONCATENATE(LANE_, N) laneN;
 #define laneN_ CONCATENATE(LANE_, N)
 #define realN_ CONCATENATE(REAL_, N)
 #define AS_REALS(x) CONCATENATE(as_, realN_)(x)
-/* A pack at any number. PoCL makes a vload of 16 of loads of 2, and LLVM leaves some of them so: where the compiler is
- * clang, as PoCL's is, a pointer to packs of less alignment gives one instruction. */
+/* Read or write a pack at any index. PoCL splits a vload16 into loads of 2, and LLVM does not merge all of them; with
+ * clang, PoCL's compiler, a pointer to packs of smaller alignment gives one instruction. */
 #ifdef __clang__
 typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 #define LOAD(p, i) (*(__global const realN_anywhere *)((p) + (i)))
@@ -76,21 +76,21 @@ typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 #endif
 #endif
 
-/* A sum of weights below this is taken for 0: of numbers so small a quotient has few digits left, or none. */
+/* A sum of weights below this counts as 0, because quotients of smaller numbers lose their digits. */
 #ifdef DOUBLE
 #define SMALLEST 1e-290
 #else
 #define SMALLEST 1e-30f
 #endif
 
-/* x where the condition holds in a lane, 0 elsewhere; a stray NaN of an unused lane does not get through. */
+/* x in the lanes where the condition is true, 0 in the others, even if x is NaN there. */
 #define WHERE(condition, x) ((condition) ? (realN)(x) : (realN)(0))
 
-/* x^power = 2^(power log2 x) for x > 0. Measured on 65536 numbers from e^-80 to e^80, nine powers, both types: 3.4
- * roundings off at most, where pow may be 32; and it takes a pack at once, where PoCL's pow goes lane by lane. With x =
- * 2^e m, m from 1/sqrt(2) to sqrt(2), the whole part of power log2 x comes off power e in one fma, so that no digit of
- * the rest is lost. log2 m is the series of the inverse hyperbolic tangent of (m - 1)/(m + 1), cut where its terms are
- * below a rounding; for 2^r see exp2_of. What is below the normal numbers is 0. */
+/* x^power = 2^(power log2 x) for x > 0. The error is at most 3.4 roundings, measured on 65536 numbers from e^-80 to
+ * e^80 with nine powers and both types; pow may have 32. It computes a pack at once, PoCL's pow one lane at a time.
+ * With x = 2^e m, m from 1/sqrt(2) to sqrt(2), one fma subtracts the integer part of power log2 x from power e, so that
+ * no digit of the rest is lost. log2 m is the series of artanh((m - 1)/(m + 1)), without terms below a rounding; for
+ * 2^r see exp2_of. Subnormal results are 0. */
 #ifdef DOUBLE
 #define MANTISSA 52
 #define LEAST_NORMAL 2.2250738585072014e-308
@@ -114,7 +114,7 @@ static inline realN log2_over_s(const realN t)
     series = series * t + 2.8853900817779268;
     return series;
 }
-/* 2^r, |r| <= 1/2: its series. */
+/* 2^r for |r| <= 1/2, by its series. */
 static inline realN exp2_of(const realN r)
 {
     realN y = r * 1.3691488853904124e-12 + 2.5678435993488196e-11;
@@ -147,8 +147,8 @@ static inline realN log2_over_s(const realN t)
     series = series * t + 2.8853901f;
     return series;
 }
-/* 2^r, |r| <= 1/2: the polynomial of degree 5 with 1 at 0 whose largest relative error is least (9e-8, by linear
- * programming; 1.9e-7 with its roundings). */
+/* 2^r for |r| <= 1/2: the polynomial of degree 5 with value 1 at 0 and the smallest maximum relative error (9e-8, found
+ * by linear programming; 1.9e-7 with roundings). */
 static inline realN exp2_of(const realN r)
 {
     realN y = r * 0.001326465280726552f + 0.009671511128544807f;
@@ -183,7 +183,7 @@ static inline realN raise(const realN x, const real power)
     if (power == (real)0.5) return sqrt(x);
     if (power == (real)-0.5) return (realN)(1) / sqrt(x);
     if (4 * power == rint(4 * power) && fabs(power) <= 3) {
-        /* p = 1.5, 3, 4, 6 and others: products and roots, which take 0 and infinity to what they should be */
+        /* p = 1.5, 3, 4, 6 and others: products and roots, which are correct for 0 and infinity */
         real rest = fabs(power);
         realN y = 1;
         for (; rest >= 1; rest -= 1) y *= x;
@@ -194,14 +194,14 @@ static inline realN raise(const realN x, const real power)
         if (rest > 0) y *= sqrt(sqrt(x));
         return power < 0 ? 1 / y : y;
     }
-    /* 0, infinity and NaN for themselves */
+    /* 0, infinity and NaN are special cases */
     const laneN usual = x > 0 && x < (realN)(INFINITY);
     return usual ? power_of(usual ? x : (realN)(1), power) : power > 0 ? x : 1 / x;
 }
 
-/* 2^(x scale) for x >= 0 and scale <= 0; in float32, what is below 2^-126 comes out somewhere from 0 to 2^-126. The
- * nearest whole power falls out of the last bits of a sum with 1.5 2^23; it is put on the exponent of 2^r, r the rest.
- * Ten operations, the same on every driver, where native_exp is 4e-6 to 2e-5 off. */
+/* 2^(x scale) for x >= 0 and scale <= 0; in float32, a value below 2^-126 gives a result from 0 to 2^-126. The sum with
+ * 1.5 2^23 has the nearest integer power in its last bits, which are added to the exponent of 2^r, r the rest. These
+ * are ten operations, the same on every driver; native_exp has errors of 4e-6 to 2e-5. */
 static inline realN exp2_scaled(const realN x, const real scale)
 {
 #ifdef DOUBLE
@@ -214,7 +214,7 @@ static inline realN exp2_scaled(const realN x, const real scale)
 #endif
 }
 
-/* A long sum: in float64 where the device has it, otherwise compensated (Neumaier), error about 2 roundings. */
+/* A long sum: in float64 if the device has it, otherwise compensated (Neumaier), with an error of about 2 roundings. */
 #if defined(DOUBLE) || defined(SUM_DOUBLE)
 typedef struct {
     double sum;
@@ -279,12 +279,12 @@ static inline real largest_lane(const realN x)
 #endif
 }
 
-/* What a sum or a function is divided by: a number, or with OVER a function of OVER channels, 1 or M. Lanes without a
- * vertex divide 0 by 0: USED. */
+/* A divisor: a number, or with OVER a function of OVER channels, 1 or M. Lanes without a vertex divide 0 by 0, so the
+ * result needs USED. */
 /* clang-format off */
 #define OVER_ARGS                                                                                                     \
-    __global const real *overs, /* OVER channels; not read without */                                                 \
-    const real over_            /* not read with OVER */
+    __global const real *overs, /* OVER channels; read with OVER */                                                   \
+    const real over_            /* read without OVER */
 /* clang-format on */
 #ifdef OVER
 #define OVER_OF(x, c) ((x) / LOAD(overs, AT(u, OVER == 1 ? 0 : (c), OVER)))

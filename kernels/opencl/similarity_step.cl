@@ -2,22 +2,22 @@
  *
  *   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
  *   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
- *   or, with A, the sum of these over the pairs (u - j, v - j), |j| <= A along either axis: patches averaged by weight;
- *   with MAPS as patch_distance.cl says; with LARGEST lam counts in units of the largest weight around u (not PAIRS)
+ *   with A, a weight is the sum of these over the pairs (u - j, v - j), |j| <= A along each axis
+ *   MAPS: see patch_distance.cl; LARGEST: lam is in units of the largest weight around u (not with PAIRS)
  *
- * The patches compare the Q channels of `guide`, which is f itself or other data on the same grid. Where lam is
- * infinite, or the denominator is not above SMALLEST, out = f0.
+ * The patches compare the Q channels of `guide`, which is f or other data on the same grid. Where lam is infinite, or
+ * the denominator is at most SMALLEST, out = f0.
  *
  * One work item: a block of cells (strip.cl). By default it sums over the whole window of its cells. On two axes a CPU
- * takes two launches instead, in which each weight is computed once for both its ends:
- *   PAIRS   over the forward half of the window, ordered by its last axis; a work item adds a weight's part to both
- *           ends, in sums of its own that reach beyond its block, and leaves these in a slot of `slots`: no two work
- *           items write one number. For one step dx along the rows, the sums of the far ends stay in the lanes of the
- *           near ones (`far`); they are moved by dx once, not at every offset.
- *   SLOTS   adds for each cell of a block the slots that reach it, in a fixed order, and finishes.
- * Traffic per vertex: nearly all from the cache but M + Q values, lam and f0; writes M numbers; with PAIRS about 4 (1 +
- * M) numbers of slots more, written and read. Arithmetic per edge: strip.cl's, 11 for the exponential, and 1 + 2 M;
- * with PAIRS per two edges, but twice 1 + 2 M.
+ * uses two launches instead, which compute each weight once for both ends of the edge:
+ *   PAIRS   the forward half of the window, sorted by its last axis. A work item adds the terms of both ends to its own
+ *           sums, which extend beyond its block, and writes them to its slot of `slots`: no two work items write the
+ *           same number. For one step dx along the rows, the sums of the other ends are in the lanes of the first ends
+ *           (`far`); they are moved by dx once per dx instead of once per offset.
+ *   SLOTS   for each cell of a block, adds the slots that contain it, in a fixed order, and writes the result.
+ * Traffic per vertex: M + Q values, lam and f0, the rest mostly from the cache; writes M numbers; with PAIRS also
+ * writes and reads about 4 (1 + M) numbers of slots. Arithmetic per edge: as strip.cl, 11 for the exponential, and
+ * 1 + 2 M; with PAIRS per two edges, but twice 1 + 2 M.
  */
 #include "strip.cl"
 
@@ -25,10 +25,10 @@
 #define M 1
 #endif
 #ifndef REACH
-#define REACH 1 /* PAIRS, SLOTS: rows from a cell to its farthest neighbour */
+#define REACH 1 /* PAIRS, SLOTS: largest offset in rows */
 #endif
 #ifndef SIDE
-#define SIDE N /* PAIRS, SLOTS: cells of a slot's row on either side of the block, a multiple of N */
+#define SIDE N /* PAIRS, SLOTS: cells on each side of the block in a row of a slot, a multiple of N */
 #endif
 
 #ifdef LARGEST
@@ -43,22 +43,22 @@
 
 /* clang-format off */
 #define FUNCTION_ARGS                                                                                                 \
-    const long pitch,                  /* of functions, which lie as grid.cl says */                                  \
+    const long pitch,                  /* of functions, in the layout of grid.cl */                                   \
     const long plane,                                                                                                 \
     const long guard,                                                                                                 \
     __global const real *f0,           /* M channels */                                                               \
-    __global const real *lams,         /* 1 channel; not read without LAM_ARRAY */                                    \
-    const real lam_,                   /* not read with LAM_ARRAY */                                                  \
+    __global const real *lams,         /* 1 channel; read with LAM_ARRAY */                                           \
+    const real lam_,                   /* read without LAM_ARRAY */                                                   \
     /* output */                                                                                                      \
     __global real *out                 /* M channels; not f */
 
 #define SLOT_ARGS                                                                                                     \
     const int first,                   /* strip of the launch's first work item */                                    \
     const int blocks,                  /* in a strip */                                                               \
-    const int ring                     /* strips that there are slots for; strip i has those of i modulo ring */
+    const int ring                     /* number of strips with slots; strip i has those of i modulo ring */
 /* clang-format on */
 
-/* The new value of the pack x of row `row` from half its sums of weights and of weighted values. */
+/* Write the new value of the pack at x, from half the sums of the weights and of the weighted values. */
 static inline void finish(
     const realN total,
     const realN *pull,

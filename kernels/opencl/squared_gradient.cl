@@ -1,8 +1,8 @@
-/* The sum that the gradient norm raises to a power, and the energy too. SUM_OF_SQUARES fills sum[G] from `here`, eps2
- * and edge_power:
+/* The sum that gradient_norm and energy raise to a power. SUM_OF_SQUARES computes sum[G] from `here`, eps2 and
+ * edge_power:
  *
  *   vertex norm   sum_v d_w(f)(u, v)^2 + eps^2
- *   EDGE_NORM     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the edges that are there
+ *   EDGE_NORM     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the existing edges
  */
 #ifndef SQUARED_GRADIENT_CL
 #define SQUARED_GRADIENT_CL

@@ -1,20 +1,20 @@
 /* rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2 for a block of cells u, one offset of the window after the other
  *                                                                                                  (section 5.2)
- * g is an outer product of one profile, so rho is a sum down the columns of the patch, then one along its rows: a few
- * additions per cell instead of one per cell of the patch. All terms are non-negative and none is ever taken off again,
- * so that a small distance beside a large one keeps its digits, and a cell's sums are grouped the same way wherever in
- * its block it lies, so that a picture cut into parts gives the bits of the whole.
+ * g is an outer product of one profile, so rho is a sum down the columns of the patch, then along its rows: a few
+ * additions per cell instead of one per cell of the patch. All terms are >= 0 and no term is subtracted again, so that
+ * a small distance next to a large one loses no digits. The order of the sums is the same for all cells of a block, so
+ * that parts of an image give the same bits as the whole image.
  *
- * A block is S rows, down the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` goes
- * down each column of packs with the last rows in registers and leaves the sums down the patches in `down`; `sum_along`
- * turns a row of these into distances. FLAT, g = 1: the sum of 2 R + 1 rows is made of sums of 1, 2, 4 and 8 of them,
- * each of which takes one addition of two of half the length. Otherwise each row has its weight: 2 R + 1 multiply-adds.
- * A GPU takes N = B = 1: one thread a column.
+ * A block is S rows, along the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` passes
+ * each column of packs with the last rows in registers, and writes the sums down the patches to `down`; `sum_along`
+ * turns a row of `down` into distances. FLAT, g = 1: a sum of 2 R + 1 rows is composed of sums of 1, 2, 4 and 8 rows,
+ * each one addition of two sums of half the length. Otherwise each row has a weight: 2 R + 1 multiply-adds. On a GPU
+ * N = B = 1.
  *
- * f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row,
- * by zeros on both sides that reach as far as the window and a block: no read asks where the border is, and the weights
- * of what was read beyond it become 0. Arithmetic per edge: 3 Q, and for flat patches of side 7 4 additions, times (1 +
- * 2 R/S) (1 + 1/B) for the overlap; then 2 R additions. Bytes: all from the first two caches.
+ * f is one plane of cells per channel, padded by the radius of the patch (numpy's "reflect") and, along a row, by zeros
+ * on both sides for the reach of the window and a block: reads need no check of the border, and edges across it get
+ * weight 0. Arithmetic per edge: 3 Q, plus 4 additions for flat patches of side 7, times (1 + 2 R/S) (1 + 1/B) for the
+ * overlap; then 2 R additions. All reads are from the L1 and L2 caches.
  */
 #ifndef STRIP_CL
 #define STRIP_CL
@@ -39,7 +39,7 @@
 #define A 0 /* on two axes: weights are sums of those of the (2 A + 1)^2 pairs (u - j, v - j) around a pair */
 #endif
 
-/* A CPU gets groups of one work item: a group of more would keep as many copies of its arrays. */
+/* On a CPU a group is one work item: a larger one would need a copy of the arrays per work item. */
 #if N > 1
 #define ALONE __attribute__((reqd_work_group_size(1, 1, 1)))
 #else
@@ -47,12 +47,12 @@
 #endif
 
 #define DOWN (NDIM > 1 ? R : 0)           /* radius of the patch across the rows */
-#define SPAN (B + (2 * A + N - 1) / N)    /* packs in a row of weights: the block's, and A cells beside it */
+#define SPAN (B + (2 * A + N - 1) / N)    /* packs in a row of weights: the block, and A cells on each side */
 #define WIDE (SPAN + (2 * R + N - 1) / N) /* packs in a row of `down` */
 
 /* clang-format off */
 #define STRIP_ARGS                                                                                                    \
-    __global const real *guide,        /* Q planes of padded rows: what the patches compare */                        \
+    __global const real *guide,        /* Q planes of padded rows, which the patches compare */                       \
     const long padded_plane,           /* from a channel to the next */                                               \
     const long padded_pitch,           /* from a row to the next */                                                   \
     const long left,                   /* from the start of a padded row to the patch of its first cell */            \
@@ -64,8 +64,8 @@
     __global const real *spatial,      /* (n_offsets,): s */                                                          \
     const int n_lines,                                                                                                \
     __global const long *lines,        /* (n_lines,): the patch along the leading axes, as steps in padded */         \
-    __global const real *line_weights, /* (n_lines,): and the part of g there */                                      \
-    __global const real *profile,      /* (2 R + 1,): g along one axis; not read with FLAT */                         \
+    __global const real *line_weights, /* (n_lines,): their weights, factors of g */                                  \
+    __global const real *profile,      /* (2 R + 1,): g along one axis; read without FLAT */                          \
     const real shift,                                                                                                 \
     const real scale,                  /* -log2(e)/h^2 */                                                             \
     const real cut                     /* exponentials below it count as 0; read with CUT */
@@ -77,9 +77,9 @@
 #define FIRST_STRIP 0
 #endif
 
-/* This work item's block: coordinates `lead` of its rows along the leading axes, its first row y0 and cell x0, how many
- * rows it has, `cell_row`, the number of its first row in functions without padding, and `padded0`, where the patch of
- * its first cell begins in a padded plane. */
+/* The block of this work item: the coordinates `lead` of its rows along the leading axes, its first row y0 and cell x0,
+ * its number of `rows`, the index `cell_row` of its first row in functions without padding, and the indices in a padded
+ * plane of its first cell, `centre0`, and of the first cell of that one's patch, `padded0`. */
 #define STRIP_PLACE                                                                                         \
     const int height = NDIM > 1 ? sizes[NDIM > 1 ? NDIM - 2 : 0] : 1, width_ = sizes[NDIM - 1];             \
     const int strips = (height + S - 1) / S, strip = FIRST_STRIP + (int)get_global_id(1);                   \
@@ -94,8 +94,8 @@
     const long padded0 = padded_row * padded_pitch + left + x0;                                             \
     const long centre0 = padded0 + DOWN * padded_pitch + R;
 
-/* Of offset k: from .. until, the rows of the block whose neighbours are rows of the grid, and `ahead`, the way to
- * these in a padded plane. `leaves`: some of the block's cells or neighbours may be beyond the ends of the rows. */
+/* For offset k: the rows from .. until of the block whose neighbours are on the grid, and `ahead`, the step to the
+ * neighbours in a padded plane. `leaves`: some cells or neighbours may be beyond the ends of the rows. */
 #define STRIP_OFFSET(k)                                                                   \
     __global const int *step = steps + (k) * NDIM;                                        \
     const int dx = step[NDIM - 1], dy = NDIM > 1 ? step[NDIM > 1 ? NDIM - 2 : 0] : 0;     \
@@ -110,10 +110,10 @@
     const long ahead = jump * padded_pitch + dx;                                          \
     const bool leaves = min(x0, x0 + dx) < 0 || max(x0, x0 + dx) + B * N > width_;
 
-/* Whether the cells at x of a row are cells of the grid. */
+/* Whether the cells at x of a row are on the grid. */
 #define ON_ROW(x) ((x) + LANES >= 0 && (x) + LANES < width_)
 
-/* Differences squared, over channels and the patch's leading axes, of a pack at `at` and its neighbours. */
+/* Squared differences of a pack at `at` and its neighbours, summed over channels and the patch's leading axes. */
 static inline realN squares(
     __global const real *at,
     const long ahead,
@@ -145,8 +145,8 @@ static inline realN squares(
 }
 #define SQUARES(at) squares(at, ahead, padded_plane, n_lines, lines, line_weights)
 
-/* A sum of the last 2 R + 1 rows from sums of 1, 2, 4 and 8 of them: SUM1(l) is the row l before the last, SUM2(l) it
- * and the one before, and so on. */
+/* The sum of the last 2 R + 1 rows, from sums of 1, 2, 4 and 8 rows; SUMn(l) has the n rows up to the one l rows before
+ * the last. */
 #ifdef FLAT
 #if R == 1
 #define PATCH_SUM (SUM2(0) + SUM1(2))
@@ -158,10 +158,10 @@ static inline realN squares(
 #define PATCH_SUM (SUM8(0) + SUM1(8))
 #elif R == 5
 #define PATCH_SUM ((SUM8(0) + SUM2(8)) + SUM1(10))
-#endif /* larger ones go row by row */
+#endif /* larger patches are summed row by row */
 #endif
 
-/* The sums down the patches of the block's rows from .. until, for `ahead`, into down[y * WIDE + pack]. */
+/* Write the sums down the patches of the rows from .. until, for `ahead`, to down[y * WIDE + pack]. */
 static inline void sum_down(
     __global const real *first,
     const long padded_pitch,
@@ -180,7 +180,7 @@ static inline void sum_down(
 #if R == 0 || NDIM == 1
         for (int y = from; y < until; ++y, at += padded_pitch) down[y * WIDE + p] = SQUARES(at);
 #else
-        /* the last rows of squares; the shifts below are renamings of registers */
+        /* the last rows of squares; the compiler turns the shifts below into renamed registers */
         realN row[2 * R + 1];
 #pragma unroll
         for (int i = 0; i <= 2 * R; ++i) row[i] = 0;
@@ -227,8 +227,8 @@ static inline void sum_down(
     sum_down(    \
         guide + padded0, padded_pitch, padded_plane, ahead, from, until, n_lines, lines, line_weights, profile, down)
 
-/* Distances of the B packs of a row from the sums down its patches. The shifted packs are loaded, from the first cache:
- * shuffles of two packs cost as much on PoCL 3.1, and five times as much on 3.0. */
+/* Compute the distances of the packs of a row from the sums down its patches. Shifted packs are loaded, from the L1
+ * cache: shuffles of two packs cost the same on PoCL 3.1, and five times as much on 3.0. */
 static inline void sum_along(const realN *c, __global const real *profile, realN *rho)
 {
     const real *numbers = (const real *)c;
@@ -247,7 +247,7 @@ static inline void sum_along(const realN *c, __global const real *profile, realN
     }
 }
 
-/* What the weight makes of distances; `scale` is negative. */
+/* The weights from distances; `scale` is negative. */
 static inline realN similarity(realN rho, const real spatial, const real shift, const real scale, const real cut)
 {
 #ifdef SHIFTED_DISTANCE
@@ -264,7 +264,7 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 #endif
 }
 
-/* The weight of a pack at u and its neighbours at v, places in a padded plane, along offset k. */
+/* The weights of a pack at u and its neighbours at v, indices in a padded plane, for offset k. */
 #ifdef MAPS
 #define SIMILARITY_AT(rho, k, u, v)                                            \
     similarity(                                                                \
@@ -275,17 +275,16 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 #define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale, cut)
 #endif
 
-/* w, or 0 where either end is not a cell of the grid or of the mask; u and v: places in a padded plane, x the column of
- * u. */
+/* w, or 0 where an end is outside the grid or the mask; u, v: indices in a padded plane, x: the column of u. */
 #ifdef MASKED
 #define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
 #else
 #define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
 #endif
 
-/* What a kernel that does not store its weights goes through for offset k: BLOCK_OF once, ROW_OF for each row of the
- * block that has neighbours, WEIGHT_OF for a pack. With A the weights of A rows above and below the block, and A cells
- * beside it, are computed too, and added along the rows; what is added down the columns is added where it is used. */
+/* For a kernel that does not store its weights, for offset k: use BLOCK_OF once, ROW_OF for each row of the block with
+ * neighbours, WEIGHT_OF for each pack. With A, the weights of A rows and cells around the block are computed too, and
+ * summed along the rows; WEIGHT_OF sums them down the columns. */
 #if A > 0
 #define BLOCK_ARRAYS realN down[(S + 2 * A) * WIDE], rho[SPAN], single[SPAN], across[(S + 2 * A) * B];
 #define BLOCK_OF(k)                                                                                                   \

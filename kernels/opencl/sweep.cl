@@ -4,15 +4,14 @@
  *   J(u)   = (lam f0(u) + sum_v w (g(u) + g(v)) f(v)) / (lam + sum_v w (g(u) + g(v)))
  *   out(u) = f(u) + theta (J(u) - f(u))
  *
- * It is gradient_norm.cl and then jacobi_step.cl, vertex by vertex with their operations in their order, for gamma =
- * sqrt(w) and the vertex norm; lam, theta and the vertices that keep their data as there. What a vertex gets does not
- * depend on the block it falls in: an image cut into parts has the bits of the whole.
+ * It does the operations of gradient_norm.cl and jacobi_step.cl in their order, for gamma = sqrt(w) and the vertex
+ * norm. The result at a vertex does not depend on its block: parts of an image give the same bits as the whole image.
  *
  * One work item: a block, a band of rows times a stretch of columns. It goes down the rows; the gradient norms of a row
- * are found `jump` rows before its update, and live in a ring of rows of the block's own, which stays in the core's
- * cache. So weights and f come from memory once, not twice, and g never goes there. The price: what a block needs of g
- * beyond its border is computed by its neighbours too. A wide window on a plane (WIDE) is treated in sweep_wide.cl.
- * That suits a CPU: few work items, each long and with a cache of its own. A GPU has neither, and runs the two kernels.
+ * are computed `jump` rows before its update, in a ring of rows that stays in the cache of the core. So weights and f
+ * are read from memory once, not twice, and g is never written there. In return, neighbouring blocks both compute g
+ * near their border. For a wide window on a plane (WIDE) see sweep_wide.cl. This needs few long work items, each with
+ * its own cache, as on a CPU; a GPU runs the two kernels.
  * Traffic per vertex: reads H weights (WIDE: twice), 2 M values and lam; writes M numbers.
  */
 #ifndef GRID
@@ -25,13 +24,13 @@
 
 #if !defined(WINDOW) && NDIM <= 2 && !defined(RECOMPUTED)
 #define WIDE
-#define RING_ROW (3 * G + M) /* g, |grad f|^2 so far; of the update, sums of conductances and of neighbours so far */
+#define RING_ROW (3 * G + M) /* g; partial sums: |grad f|^2, conductances, neighbours */
 #else
 #define RING_ROW G
 #endif
 
-/* Whether a pack has all its neighbours, which a second copy of the code then takes for granted. With weights the zeros
- * among them say where the ends of a row are; beyond two axes rows are asked for one by one. */
+/* Whether all neighbours of a pack exist, for which the code is compiled without checks. With weights, zeros mark the
+ * ends of a row; on three axes or more each row is checked. */
 #if NDIM > 2
 #define INSIDE(x, inner) false
 #elif defined(WEIGHTED)
@@ -46,14 +45,14 @@
 #define LAM_AT(u) ((realN)(lam_))
 #endif
 
-/* The slot that lies `by` rows from another one, round the ring. */
+/* The slot `by` rows from another one in the ring. */
 INLINE int turned(const int slot, const int by, const int slots)
 {
     const int moved = slot + by;
     return moved < 0 ? moved + slots : moved < slots ? moved : moved - slots;
 }
 
-/* What is left to do when the sums over the neighbours are there: of |grad f|^2, then of the two of eq. 25. */
+/* Finish the gradient norms and, below, the update (eq. 25), given the sums over the neighbours. */
 INLINE void store_norms(
     const realN *sum,
     const real eps2,
@@ -96,7 +95,7 @@ INLINE void store_update(
 #ifdef WIDE
 #include "sweep_wide.cl"
 #else
-/* Gradient norms of a pack, into its row of the ring. */
+/* Compute the gradient norms of a pack, in its row of the ring. */
 INLINE void gradient_pack(
     GRAPH_ARGS,
     __global const real *f,
@@ -123,7 +122,7 @@ INLINE void gradient_pack(
     store_norms(sum, eps2, power, x, width, its_ring, ring_pitch);
 }
 
-/* The update of a pack of the row whose gradient norms are in slot `slot` of the ring. */
+/* Update a pack of the row whose gradient norms are in slot `slot` of the ring. */
 INLINE void update_pack(
     GRAPH_ARGS,
     __global const real *f,
@@ -169,15 +168,15 @@ __kernel void sweep(
     __global const real *f0,   /* M channels */
     const real power,          /* (p - 2)/2 */
     const real eps2,           /* eps^2 */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real theta,
     const int band,    /* rows of a block */
-    const int stretch, /* its columns, a multiple of N */
-    const int jump,    /* largest jump of rows in the window */
+    const int stretch, /* columns of a block, a multiple of N */
+    const int jump,    /* largest offset in rows */
     const int slots,   /* rows of a ring: 2 jump + 1, with WIDE jump + 1 */
     const long ring_pitch,
-    __global real *rings, /* scratch memory: `slots` rows of RING_ROW * ring_pitch numbers for each work item */
+    __global real *rings, /* scratch: `slots` rows of RING_ROW * ring_pitch numbers per work item */
     /* output */
     __global real *out) /* M channels; not f */
 {
@@ -186,7 +185,7 @@ __kernel void sweep(
     const int from = (int)get_global_id(0) * stretch, top = (int)get_global_id(1) * band;
     const int to = min(from + stretch, width), bottom = min(top + band, n_rows);
     const int wide_from = max(from - margin, 0), wide_to = min(to + reach, width);
-    /* Column x of the grid is column x + margin - from of the ring. What lies outside the grid stays 0. */
+    /* Column x of the grid is column x + margin - from of the ring, which is 0 outside the grid. */
     __global real *whole = rings + (get_global_id(1) * get_global_size(0) + get_global_id(0)) * ring_size;
     for (long i = 0; i < ring_size; i += N) STORE(whole, i, (realN)(0));
     __global real *ring = whole + margin - from;
@@ -196,7 +195,7 @@ __kernel void sweep(
         GRAPH, f, f0, lams, lam_, theta, power, eps2, jump, slots, ring, ring_pitch, from, to, top, bottom, wide_from,
         wide_to, out);
 #else
-    int slot = 0; /* of the row whose gradient norms come next */
+    int slot = 0; /* of the next row of gradient norms */
     for (int row = top - jump; row < bottom + jump; ++row) {
         if (row >= 0 && row < n_rows) {
             const bool inner = row >= jump && row + jump < n_rows;

@@ -1,15 +1,15 @@
-/* A block of the fused sweep through a wide window on a plane                                 (eq. 9, 15, 25, 31)
+/* A block of the fused sweep with a wide window on a plane                                    (eq. 9, 15, 25, 31)
  *
- *   the equations of sweep.cl, which includes this file where WIDE is defined: a window that is not compiled in, on at
+ *   the equations of sweep.cl, which includes this file if WIDE is defined: a window that is not compiled in, on at
  *   most two axes
  *
- * Here the weights decide: all that a block has under way is more than the second cache holds, and each weight would
- * be fetched for both its ends in both passes. So a row's forward weights serve both ends at once: run by run (offsets
- * next to each other on one row) first the far end, the row ahead, whose sums wait in the ring, then the near one. A
- * row thus gets its neighbours in the order of their offsets, as in the two kernels.
+ * The weights take most of the time: the data in use by a block exceed the L2 cache, and each weight would be read for
+ * both its ends in both passes. So the forward weights of a row are used for both ends at once, run by run (adjacent
+ * offsets on one row): first for the far end, the row ahead, whose partial sums are in the ring, then for the near end.
+ * A row thus adds its neighbours in the order of their offsets, as in the two kernels.
  *
- * One work item: a block, as in sweep.cl. A row of its ring has RING_ROW = 3 G + M rows of numbers: g, |grad f|^2 so
- * far, and of the update the sums of the conductances and of the neighbours so far.
+ * One work item: a block, as in sweep.cl. A row of its ring has RING_ROW = 3 G + M rows of numbers: g, and the partial
+ * sums of |grad f|^2, of the conductances and of the neighbours.
  * Traffic per vertex: reads H weights twice, 2 M values and lam; writes M numbers.
  */
 /* PoCL's prefetch() does nothing. */
@@ -19,11 +19,11 @@
 #define PREFETCH(p)
 #endif
 
-/* Packs treated together, so that additions need not wait for each other; more channels have sums enough. */
+/* Packs at a time, for independent additions; with several channels one pack has enough of them. */
 #define PACKS (M == 1 ? 4 : 1)
 #define EACH_PACK _Pragma("unroll") for (int q = 0; q < P; ++q)
 
-/* Weights of a run for the packs q, and their lanes that have a neighbour. */
+/* The weights of a run for the packs q; EDGE_WEIGHT is 0 in lanes without a neighbour. */
 #ifdef WEIGHTED
 #define RUN_WEIGHT const realN w = LOAD_WEIGHT(w0, x + q * N + j * stride);
 #define EDGE_WEIGHT RUN_WEIGHT
@@ -34,8 +34,8 @@
 #define IN_BLOCKS(x) ((x) >= reach && (x) + PACKS * N + reach <= width)
 #endif
 
-/* A run's part in the sums of |grad f|^2 of one of its ends, the row `here`; the other end is the row `there`, `step`
- * cells on and one more for each offset. Its weights are w0, and `stride` numbers on for each offset. */
+/* Add a run to the sums of |grad f|^2 of one of its ends, the row `here`. Offset j leads to the row `there`, `step` + j
+ * cells on, and its weights are at w0 + j stride. */
 #define GRADIENT_PACKS(WEIGHT)                                                                        \
     realN own[P][M], sum[P][G];                                                                       \
     EACH_PACK                                                                                         \
@@ -84,8 +84,8 @@ INLINE void gradient_run(
     }
 }
 
-/* The same for the sums of the update, of the conductances (G rows from `sums` on) and of the neighbours (M more). The
- * weights that lie `coming` numbers on are asked for: by now they have left the second cache. */
+/* Likewise for the sums of the update: of the conductances (G rows from `sums` on) and of the neighbours (M more rows).
+ * Weights `coming` numbers ahead are prefetched, as they are no longer in the L2 cache. */
 #define UPDATE_PACKS(WEIGHT)                                                                                \
     realN own[P][G], total[P][G], sum[P][M];                                                                \
     EACH_PACK                                                                                               \
@@ -145,7 +145,7 @@ INLINE void update_run(
 #define RING(row) (ring + (long)((row) % slots) * RING_ROW * ring_pitch)
 #define F_ROW(row) (f + guard + (row) * pitch)
 
-/* The forward runs of a row of weights. Towards the far end a run is passed from its last offset to its first. */
+/* The forward runs of a row of weights. For the far end, the offsets of a run are in reverse order. */
 /* clang-format off */
 #define FORWARD_RUNS(row)                                                                                             \
     for (int run = n_runs / 2; run < n_runs; ++run) {                                                                 \
@@ -158,19 +158,19 @@ INLINE void update_run(
         __global const weight_t *far_weights = near_weights + (count - 1) * weight_pitch + back;
 /* clang-format on */
 
-/* Sweep rows top .. bottom and columns from .. to; gradient norms are needed in columns wide_from .. wide_to. */
+/* Sweep the rows top .. bottom and columns from .. to, with gradient norms in the columns wide_from .. wide_to. */
 INLINE void sweep_wide(
     GRAPH_ARGS,
     __global const real *f,    /* M channels */
     __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; not read without LAM_ARRAY */
-    const real lam_,           /* not read with LAM_ARRAY */
+    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
+    const real lam_,           /* read without LAM_ARRAY */
     const real theta,
     const real power,    /* (p - 2)/2 */
     const real eps2,     /* eps^2 */
-    const int jump,      /* largest jump of rows in the window */
+    const int jump,      /* largest offset in rows */
     const int slots,     /* rows of the ring: jump + 1 */
-    __global real *ring, /* RING_ROW * ring_pitch numbers for each of `slots` rows, 0 at the start */
+    __global real *ring, /* `slots` rows of RING_ROW * ring_pitch numbers, 0 at first */
     const long ring_pitch,
     const int from,
     const int to,

@@ -1,10 +1,10 @@
 """adjoint(u) = sum_v gamma(u, v) (H(v, u) - H(u, v))                                     (eq. 7, Proposition 1)
 
-The divergence is its opposite.
+The divergence is -adjoint.
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights and 2 D M values of edges, of which a grid finds half in the cache,
-on CSR also D places of opposite edges; writes M numbers.
+Traffic per vertex with D neighbours: reads D weights and 2 D M edge values (grid: half of them from the cache; CSR:
+also D indices of opposite edges); writes M numbers.
 """
 
 import functools
@@ -16,7 +16,7 @@ from . import gamma, reals
 
 @functools.cache
 def outflow_around(access, M):
-    """A function that gives the sum at a vertex; the primal function and the duality gap use it too."""
+    """Make a function that computes the sum at a vertex; also used by the primal function and the duality gap."""
     real, Graph, Place = access.real, access.Graph, access.Place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at, opposite_at, function = access.edge_at, access.opposite_at, reals.vector(real, M)
@@ -42,7 +42,7 @@ def outflow_around(access, M):
 
 @functools.cache
 def make(access, M):
-    """The kernel for one kind of graph and M channels."""
+    """Make the kernel for one kind of graph and M channels."""
     Graph, place, function = access.Graph, access.place, reals.vector(access.real, M)
     put, around = reals.writing(function), outflow_around(access, M)
 

@@ -1,12 +1,12 @@
 """out(x) = N_0(x) F(x) + sum_o N_o(x) F(x + o),   N_o(x) = sum_j s(x - j) w(x - j, x - j + o)
                                                                       (Buades, Coll, Morel, IPOL 2011, patchwise)
-N_0(x) = sum_j c(x - j). Sums over the offsets o of the window and j of a square patch of radius R, as far as x + o,
-x - j and x - j + o are vertices. With s one over the sum of the weights around a vertex, and c the centre's own share,
-N_o(x) is what all patches that cover x give to x + o: averaged patches instead of averaged pixels. F carries a channel
-of ones, or the mask, by whose sum the host divides the others.
+N_0(x) = sum_j c(x - j). The sums are over the offsets o of the window and j of a square patch of radius R such that
+x + o, x - j and x - j + o are vertices. s = 1 / (sum of the weights around a vertex), and c is the share of the centre.
+N_o(x) is the total weight of x + o in all patches that contain x: patches are averaged instead of pixels. F has a
+channel of ones, or the mask; the host divides the other channels by its sum.
 
-Grid alone. One work item: one vertex.
-Traffic per vertex of D neighbours and patches of P cells: reads P D weights and shares, nearly all from the cache, and
+Grid only. One work item: one vertex.
+Traffic per vertex with D neighbours and patches of P cells: reads P D weights and shares, mostly from the cache, and
 D M values; writes M numbers. Arithmetic per neighbour: 2 P + 2 M.
 """
 
@@ -19,7 +19,7 @@ from .reals import reading, vector, writing
 
 @functools.cache
 def make(access, M):
-    """The kernel for a grid and M channels."""
+    """Make the kernel for a grid and M channels."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     function, number = vector(real, M), vector(real, 1)

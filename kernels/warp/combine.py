@@ -2,7 +2,7 @@
 
 Where over is infinite: a x(u).
 
-One work item: one vertex; it reads its own numbers alone, so that out may be x or y.
+One work item: one vertex; it reads only its own numbers, so that out may be x or y.
 Traffic per vertex: reads 2 M values and over, writes M. The weights are not read.
 """
 
@@ -15,7 +15,7 @@ from . import reals
 
 @functools.cache
 def make(real, M, over):
-    """The kernel for M channels; `over` has 1 channel or M, or is a number (0)."""
+    """Make the kernel for M channels; `over` has 1 channel or M, or is a number (0)."""
     function = reals.vector(real, M)
     at, put = reals.reading(function), reals.writing(function)
     over_type, quotient = reals.divided(real, M, over)

@@ -1,10 +1,10 @@
-"""The conductances of the edge (u, v) that the p-Laplacian and the two processes multiply gamma's part with:
+"""The conductance of an edge (u, v), for the p-Laplacian, both processes and the gradient:
 
   vertex norm    g(u) + g(v), g = |grad_w f|^(p - 2) from an array, or 2: p = 2                   (eq. 12, 25)
   edge norm      (d_w(f)(u, v)^2 + eps^2)^((p - 2)/2), from f itself                              (from eq. 30)
 
-`kind` is "none" (p = 2), "vertex" or "edge". The function that `make` gives takes the edge, the difference d of f along
-it (up to gamma's factor), g, the vertices u and v, the power (p - 2)/2 and eps^2, and reads what its kind needs.
+`kind` is "none" (p = 2), "vertex" or "edge". The function from `make` takes the edge, `difference` of f along it
+(gamma.py), g, the vertices u and v, the power (p - 2)/2 and eps^2; each kind reads some of these.
 """
 
 import functools
@@ -16,7 +16,7 @@ from . import gamma, reals
 
 @functools.cache
 def make(access, M, G, kind):
-    """The conductance of an edge as a norm."""
+    """Make a function that computes the conductance of an edge as a norm."""
     real, Place, Edge = access.real, access.Place, access.Edge
     channels = reals.make(real, M, G)
     function, norm, raised = channels.function, channels.norm, channels.raised

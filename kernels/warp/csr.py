@@ -1,17 +1,17 @@
-"""A vertex's neighbours in a CSR graph. Gives the primitives the same names as grid.py, so that each is written once:
+"""The neighbours of a vertex in a stored (CSR) graph, under the same names as in grid.py:
 
-  Graph                      the struct that holds the graph, the first argument of every kernel
-  Place                      the vector type of a vertex u; u[0], u[1] is where it is in a function
+  Graph                      the struct with the graph, the first argument of kernels
+  Place                      the vector type of a vertex u; u[0], u[1] is its index in a function
   place(graph, row, x)       the vertex of this work item
   begin(graph, u), end(graph, u)   the range of its edges e
   neighbour(graph, u, e)     the vertex v at the other end
-  exists(graph, v)           whether there is such a vertex (here: yes)
-  edge(graph, u, e, v)       what gamma.py takes: w(u, v), 1 in a graph without weights, or both values of gamma
-  edge_at(u, e)              where a function on the edges has the edge (u, v), three indices
-  opposite_at(graph, v, e)   where it has (v, u)
+  exists(graph, v)           whether the vertex exists (always true here)
+  edge(graph, u, e, v)       the edge for gamma.py: w(u, v), 1 in a graph without weights, or both values of gamma
+  edge_at(u, e)              the three indices of the edge (u, v) in a function on the edges
+  opposite_at(graph, v, e)   those of (v, u)
 
-Functions on vertices are (rows, width) arrays of vectors, here with one row. A gather brings all channels of a
-neighbour at once. Indices of a Warp array are 32 bits wide, so a graph has less than 2^31 directed edges.
+Functions on vertices are (rows, width) arrays of vectors, here with one row. Indices of a Warp array have 32 bits, so a
+graph must have less than 2^31 directed edges.
 """
 
 import functools
@@ -40,26 +40,26 @@ class Access:
     opposite_at: Any
     Edge: Any
     directed: bool
-    pack: Any = None  # what pack.py needs to know of a grid: its leading axes, whether there are weights
+    pack: Any = None  # for pack.py, on a grid: number of leading axes, and whether there are weights
 
 
 @functools.cache
 def struct(real):
-    """The struct that holds the graph."""
+    """Make the struct with the graph."""
 
     @wp.struct
     class Csr:
         indptr: wp.array(dtype=wp.int32)  # (n + 1,)
         indices: wp.array(dtype=wp.int32)  # (n_edges,)
-        weights: wp.array(dtype=real)  # (n_edges,), one per directed edge: w, or gamma; not read without
-        mirror: wp.array(dtype=wp.int32)  # (n_edges,): the place of (v, u); read with gamma, and by adjoint
+        weights: wp.array(dtype=real)  # (n_edges,), one per directed edge: w or gamma; read if there are any
+        mirror: wp.array(dtype=wp.int32)  # (n_edges,): the index of (v, u); read with gamma, and by adjoint
 
     return Csr
 
 
 @functools.cache
 def make(real, form):
-    """The names above for a graph whose edges have a `form`: "unit" weights, "weights", or "gamma"."""
+    """Make the names above for edges of one `form`: "unit" (weights of 1), "weights" or "gamma"."""
     Graph, Place = struct(real), wp.vec2i
     Edge = gamma.edge(real, form == "gamma")
     number_at, index_at = reals.reading(real, 1), reals.reading(wp.int32, 1)

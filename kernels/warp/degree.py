@@ -1,8 +1,8 @@
 """degree(u) = sum_v gamma(u, v)^2, which is sum_v w(u, v) with gamma = sqrt(w)                      (section 2.1)
-with `largest` max_v of the same: what a centre as heavy as the heaviest neighbour weighs.
+with `largest`: max_v gamma(u, v)^2
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights, on CSR also D indices; writes one number.
+Traffic per vertex with D neighbours: reads D weights (CSR: also D indices); writes one number.
 """
 
 import functools
@@ -15,7 +15,7 @@ from .reals import vector, writing
 
 @functools.cache
 def make(access, largest):
-    """The kernel for one kind of graph."""
+    """Make the kernel for one kind of graph."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     number, hold = vector(real, 1), gamma.make(real, access.directed, 1, 1).hold

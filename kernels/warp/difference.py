@@ -1,8 +1,8 @@
 """difference(u, v) = gamma(v, u) f(v) - gamma(u, v) f(u)                          (eq. 4; the edge derivative of eq. 5)
 
 One work item: the edges of one vertex.
-Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the cache;
-writes D M numbers, on a grid 0 where an edge leaves it.
+Traffic per vertex with D neighbours: reads D weights and (D + 1) M values (grid: all but M from the cache; CSR: also D
+indices); writes D M numbers, 0 where an edge leaves the grid.
 """
 
 import functools
@@ -14,7 +14,7 @@ from . import gamma, reals
 
 @functools.cache
 def make(access, M):
-    """The kernel for one kind of graph and M channels."""
+    """Make the kernel for one kind of graph and M channels."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at, function = access.edge_at, reals.vector(real, M)

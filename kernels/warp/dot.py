@@ -1,8 +1,8 @@
 """dot = sum_u a(u) b(u) / over(u)
 
-A vertex where over is infinite has no term.
+The term is 0 where over is infinite.
 
-One work item: a segment of a row, as in energy.py; it writes their sum in float64, the host adds these.
+One work item: a segment of a row, as in energy.py; it writes their sum in float64; the host adds the sums.
 Traffic per vertex: reads 2 M values and over. The weights are not read.
 """
 
@@ -15,7 +15,7 @@ from . import reals
 
 @functools.cache
 def make(real, M, over):
-    """The kernel for M channels; `over` has 1 channel or M, or is a number (0)."""
+    """Make the kernel for M channels; `over` has 1 channel or M, or is a number (0)."""
     function = reals.vector(real, M)
     at = reals.reading(function)
     over_type, quotient = reals.divided(real, M, over)
@@ -43,8 +43,8 @@ def make(real, M, over):
         a: wp.array2d(dtype=function),  # M channels
         b: wp.array2d(dtype=function),  # M channels
         over: over_type,  # a number, 1 channel or M
-        reach: int,  # from a segment's first vertex to the next one's
-        stride: int,  # from a vertex to the next of its segment
+        reach: int,  # step from a segment's first vertex to that of the next segment
+        stride: int,  # step between the vertices of a segment
         count: int,  # vertices in a segment
         first: wp.vec2i,  # row and x of the launch's first work item
         # output

@@ -1,11 +1,11 @@
 """prox of sigma phi* at z(u, .) = y + beta (y - y_previous) + sigma d_w(f + beta (f - f_previous))
 
-x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.py). Edge norm: r = |z(u, v)|, one edge for itself.
+x = z s/r with r = |z(u, .)|, s = r - sigma length(r) (prox.py). Edge norm: r = |z(u, v)|.
 
-One work item: the edges of one vertex, which alone it reads and writes. A norm over all edges needs them twice: z waits
-in the place of the result.
-Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges and 2 (D + 1) M of vertices, of which a grid
-finds all but 2 M in the cache, on CSR also D indices; writes D M numbers.
+One work item: the edges of one vertex; no other work item reads or writes them. A norm over all edges needs z twice: z
+is stored in `out` first.
+Traffic per vertex with D neighbours: reads D weights, 2 D M edge values and 2 (D + 1) M vertex values (grid: all but 2
+M of the latter from the cache; CSR: also D indices); writes D M numbers.
 """
 
 import functools
@@ -17,7 +17,7 @@ from . import gamma, prox, reals
 
 @functools.cache
 def make(access, M, G, case, edge_norm):
-    """The kernel for one kind of graph, M channels, G norms and a case of prox.py."""
+    """Make the kernel for one kind of graph, M channels, G norms and a case of prox.py."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at = access.edge_at
@@ -92,7 +92,7 @@ def make(access, M, G, case, edge_norm):
         p: real,
         eps: real,
         first: wp.vec2i,  # row and x of the launch's first work item
-        # y's predecessor, and output
+        # the previous y, and output
         out: wp.array3d(dtype=function),  # M channels per directed edge
     ):
         i, j = wp.tid()

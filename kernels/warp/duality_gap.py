@@ -1,11 +1,11 @@
 """sum_u [phi(|grad_w f(u)|) + phi*(|y(u, .)|) - sum_v d_w(f)(u, v) y(u, v) + |lam (f - f0) + adjoint(y)|^2 / (2 lam)]
 
-The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.py); no term is below 0. Edge norm:
-phi/2 and its conjugate at every edge. Where lam is infinite there is no last term.
+The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.py); all terms are >= 0. Edge norm:
+phi/2 and its conjugate per edge. The last term is 0 where lam is infinite.
 
-One work item: a segment of a row, as in energy.py; it writes their sum in float64, the host adds these.
-Traffic per vertex of D neighbours: reads D weights, 2 D M values of edges, of which a grid finds half in the cache,
-(D + 2) M of vertices and lam, on CSR also D indices and D places of opposite edges.
+One work item: a segment of a row, as in energy.py; it writes their sum in float64; the host adds the sums.
+Traffic per vertex with D neighbours: reads D weights, 2 D M edge values (grid: half of them from the cache), (D + 2) M
+vertex values and lam; CSR: also D indices of neighbours and D of opposite edges.
 """
 
 import functools
@@ -18,7 +18,7 @@ from .adjoint import outflow_around
 
 @functools.cache
 def make(access, M, G, case, edge_norm, lam_array):
-    """The kernel for one kind of graph, M channels, G norms, a case of prox.py, and lam as an array or a number."""
+    """Make the kernel for one kind of graph, M channels, G norms, and a case of prox.py; lam may be an array."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     edge_at = access.edge_at
@@ -121,8 +121,8 @@ def make(access, M, G, case, edge_norm, lam_array):
         lam: lam_type,  # a number or 1 channel
         p: real,
         eps: real,
-        reach: int,  # from a segment's first vertex to the next one's
-        stride: int,  # from a vertex to the next of its segment
+        reach: int,  # step from a segment's first vertex to that of the next segment
+        stride: int,  # step between the vertices of a segment
         count: int,  # vertices in a segment
         first: wp.vec2i,  # row and x of the launch's first work item
         # output

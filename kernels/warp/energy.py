@@ -1,12 +1,12 @@
 """energy = sum_u [ 1/p (|grad_w f(u)|^2 + eps^2)^(p/2) + lam(u)/2 |f(u) - f0(u)|^2 ]        (eq. 19, 20 with 15)
 
 Edge norm: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over the edges whose gamma is not 0 (eq. 30).
-The first sum runs over channels too when each has a gradient norm of its own (G = M). Where lam is infinite the second
-term is left out: f = f0 there.
+With one gradient norm per channel (G = M) the first term is summed over channels. The second term is 0 where lam is
+infinite, as f = f0 there.
 
-One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes their sum in float64, the
-host adds these. The segments depend on graph and device alone, so the bits are the same on every run.
-Traffic per vertex of D neighbours: reads D weights, (D + 2) M values and lam, on CSR also D indices.
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes their sum in float64; the
+host adds the sums. The segments depend only on graph and device, so every run gives the same bits.
+Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices).
 """
 
 import functools
@@ -18,7 +18,7 @@ from . import reals, squared_gradient
 
 @functools.cache
 def make(access, M, G, edge_norm, lam_array):
-    """The kernel for one kind of graph, M channels, G gradient norms, and lam as an array or a number."""
+    """Make the kernel for one kind of graph, M channels and G gradient norms; lam may be an array."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, raise_ = channels.function, reals.raising(real)
@@ -27,7 +27,7 @@ def make(access, M, G, edge_norm, lam_array):
     lam_type, lam_at = reals.per_vertex(real, Place, lam_array)
 
     if edge_norm:
-        # raised already, edge by edge; every edge is met twice
+        # each edge is raised already, and counted twice
         @wp.func
         def term(x: real, p: real) -> real:
             return x / (real(2.0) * p)
@@ -87,8 +87,8 @@ def make(access, M, G, edge_norm, lam_array):
         lam: lam_type,  # a number or 1 channel
         p: real,
         eps2: real,  # eps^2
-        reach: int,  # from a segment's first vertex to the next one's
-        stride: int,  # from a vertex to the next of its segment
+        reach: int,  # step from a segment's first vertex to that of the next segment
+        stride: int,  # step between the vertices of a segment
         count: int,  # vertices in a segment
         first: wp.vec2i,  # row and x of the launch's first work item
         # output

@@ -2,13 +2,12 @@
 
   out(u) = f(u) + tau (lam (f0(u) - f(u)) - p_laplacian(f)(u))
 
-tau is a number, or one value per vertex (gamma with a factor of the vertex's own is a change of variable, which changes
-the step too); lam likewise. Where lam is infinite, out = f0. The p-Laplacian is eq. 12 with the conductances of
-conductance.py.
+tau is a number, or one value per vertex (a factor of gamma per vertex is a change of variable, which also changes the
+step); lam likewise. Where lam is infinite, out = f0. The p-Laplacian is eq. 12 with the conductances of conductance.py.
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge norm),
-lam and tau, of which a grid finds all but 2 M + G + 2 in the cache, on CSR also D indices; writes M numbers.
+Traffic per vertex with D neighbours: reads D weights, and (D + 2) M values, (D + 1) G conductances (none with the edge
+norm), lam and tau (grid: all but 2 M + G + 2 from the cache; CSR: also D indices); writes M numbers.
 """
 
 import functools
@@ -20,7 +19,7 @@ from . import p_laplacian, reals
 
 @functools.cache
 def make(access, M, G, kind, lam_array, tau_array):
-    """The kernel for one kind of graph, M channels, G conductances of a kind, and lam and tau as arrays or numbers."""
+    """Make the kernel for one kind of graph, M channels, and G conductances of a kind; lam and tau may be arrays."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, norm = channels.function, channels.norm
@@ -40,7 +39,7 @@ def make(access, M, G, kind, lam_array, tau_array):
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
         f0: wp.array2d(dtype=function),  # M channels
-        g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        g: wp.array2d(dtype=norm),  # G channels: the conductances; read with kind "vertex"
         power: real,  # (p - 2)/2; read with the edge norm
         eps2: real,  # eps^2; read with the edge norm
         lam: lam_type,  # a number or 1 channel

@@ -1,16 +1,16 @@
-"""What gamma makes of an edge (u, v), under the same names for its two forms. csr.py and grid.py give the edge itself.
+"""The factors of an edge (u, v), under the same names for both forms of gamma; csr.py and grid.py read the edge.
 
-gamma = sqrt(w), symmetric: an edge is its weight w. Directed: one value per directed edge, and an edge is the vector of
-own = gamma(u, v) and other = gamma(v, u).
+By default gamma = sqrt(w), and an edge is its weight w. `directed`: one value per directed edge, and an edge is the
+vector of own = gamma(u, v) and other = gamma(v, u).
 
   Edge               the type of an edge
-  difference(a, b)   d of an edge with f(u) = a, f(v) = b, up to the factor sqrt(w) that the next three bring in
+  difference(a, b)   d of an edge with f(u) = a, f(v) = b, without the factor sqrt(w); d of the next three
   squared(e, d)      d_w(f)(u, v)^2 as a norm                                                     (eq. 4)
   derived(e, d)      d_w(f)(u, v)
   flow(e, d)         gamma(u, v) d_w(f)(u, v)
-  hold, pull         gamma(u, v)^2, gamma(u, v) gamma(v, u): what alpha and beta of eq. 25 begin with
+  hold, pull         gamma(u, v)^2 and gamma(u, v) gamma(v, u), for alpha and beta of eq. 25
   own                gamma(u, v)
-  present            whether there is an edge at all: an edge without weight has no term in a sum over edges
+  present            whether the edge exists; a sum over edges skips edges of weight 0
 """
 
 import functools
@@ -38,13 +38,13 @@ class Gamma:
 
 @functools.cache
 def edge(real, directed):
-    """The type of an edge."""
+    """Return the type of an edge."""
     return reals.vector(real, 2) if directed else real
 
 
 @functools.cache
 def make(real, directed, M, G):
-    """The names above for one form of gamma."""
+    """Make the names above for one form of gamma."""
     Edge = edge(real, directed)
     channels = reals.make(real, M, G)
     function, norm, square = channels.function, channels.norm, channels.squared

@@ -1,10 +1,10 @@
 """gradient(u) = lam (f(u) - f0(u)) + p_laplacian(f)(u)
 
-The gradient of the energy (eq. 19), given the conductances (conductance.py); without data that of f0 = 0, which is the
-matrix of eq. 25 applied to f. Where lam is infinite: 0.
+The gradient of the energy (eq. 19), given the conductances (conductance.py); 0 where lam is infinite. Without `data`,
+f0 counts as 0: the result is the matrix of eq. 25 applied to f.
 
 One work item: one vertex.
-Traffic per vertex: that of p_laplacian, M values of f0 and lam.
+Traffic per vertex: as p_laplacian, plus M values of f0, and lam.
 """
 
 import functools
@@ -17,7 +17,7 @@ from .p_laplacian import flow_around
 
 @functools.cache
 def make(access, M, G, kind, lam_array, data):
-    """The kernel for one kind of graph, M channels, G conductances of a kind, lam as an array or not, f0 or none."""
+    """Make the kernel for one kind of graph, M channels, G conductances of a kind; lam may be an array, f0 absent."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, norm = channels.function, channels.norm
@@ -41,8 +41,8 @@ def make(access, M, G, kind, lam_array, data):
     def gradient(
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
-        f0: wp.array2d(dtype=function),  # M channels; not read without data
-        g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        f0: wp.array2d(dtype=function),  # M channels; read with `data`
+        g: wp.array2d(dtype=norm),  # G channels: the conductances; read with kind "vertex"
         power: real,  # (p - 2)/2; read with the edge norm
         eps2: real,  # eps^2; read with the edge norm
         lam: lam_type,  # a number or 1 channel

@@ -1,15 +1,15 @@
 """gradient_norm(u) = (|grad_w f(u)|^2 + eps^2)^power,   |grad_w f(u)|^2 = sum_v d_w(f)(u, v)^2
                                                                                   (eq. 9, 15, section 5.1)
-With gamma = sqrt(w), d_w(f)(u, v)^2 = w(u, v) |f(v) - f(u)|^2. One gradient norm for all M channels (G = 1), or one
-each (G = M). power 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the density of
-the energy. The power is taken of the sum, never of a root.
+With gamma = sqrt(w), d_w(f)(u, v)^2 = w(u, v) |f(v) - f(u)|^2. G = 1: one gradient norm for all M channels; G = M: one
+per channel. power = 1/2 gives the local variation, (p - 2)/2 the conductances of the p-Laplacian, p/2 the density of
+the energy.
 
 Edge norm: (sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power)^power instead, over the edges whose gamma is not 0; p/2 and 1/p
 give the L^p norm of eq. 10.
 
 One work item: one vertex; on a CPU a run of N along the row, on a grid of one channel a pack of N (pack.py).
-Traffic per vertex of D neighbours: reads D weights and (D + 1) M values, of which a grid finds all but M in the cache,
-on CSR also D indices; writes G numbers.
+Traffic per vertex with D neighbours: reads D weights and (D + 1) M values (grid: all but M from the cache; CSR: also D
+indices); writes G numbers.
 """
 
 import functools
@@ -43,7 +43,7 @@ _FAST = (
 
 @functools.cache
 def make(access, M, G, edge_norm, N, packs):
-    """The kernel for one kind of graph, M channels and G gradient norms, of vertices or edges; runs of N, or packs."""
+    """Make the kernel for one kind of graph, M channels, G norms of vertices or edges, and runs or packs of N."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     channels = reals.make(real, M, G)
     function, norm, raised = channels.function, channels.norm, channels.raised

@@ -1,14 +1,13 @@
-"""A vertex's neighbours on an implicit grid. Gives the primitives the same names as csr.py (which explains them).
+"""The neighbours of a vertex on an implicit grid, under the same names as in csr.py, which explains them.
 
-A row is a line of cells along the last axis; functions are (n_rows, width) arrays. An edge e is the number of its
-offset: the 2 H offsets are in lexicographic order, the last H lead forward, the opposite of e is 2 H - 1 - e. A vertex
-is the vector (row, x), followed on three axes and more by the row's coordinates along the leading axes; an offset is
-the difference of two such vectors, so that a neighbour is a sum. Every neighbour is held against the bounds, so there
-is no padding.
+A row is a line of cells along the last axis; functions are (n_rows, width) arrays. An edge e is the index of its
+offset: the 2 H offsets are in lexicographic order, the last H are forward, the opposite of e is 2 H - 1 - e. A vertex
+is the vector (row, x), on three axes or more followed by the row's coordinates along the leading axes. An offset is the
+difference of two vertices. Every neighbour is checked against the bounds, so there is no padding.
 
-Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that one sweep
-streams through them: (n_rows, H, width), 0 where an edge leaves the grid. Functions on the edges (gamma among them) lie
-in the same way, for the whole window: (n_rows, 2 H, width).
+Weights are stored once per pair of vertices, for the forward half of the window, interleaved by row so that a sweep
+reads them in order: (n_rows, H, width), 0 where an edge leaves the grid. Functions on the edges (also gamma) have the
+same layout for the whole window: (n_rows, 2 H, width).
 """
 
 import functools
@@ -21,7 +20,7 @@ from .csr import Access
 
 @functools.cache
 def struct(real, ndim):
-    """The struct that holds the graph, the vector type of a vertex, and that of the leading axes' sizes."""
+    """Make the struct with the graph, the vector type of a vertex, and that of the sizes of the leading axes."""
     leading = ndim - 1 if ndim > 2 else 0
     Place = wp.types.vector(length=2 + leading, dtype=wp.int32)
     Sizes = wp.types.vector(length=max(leading, 1), dtype=wp.int32)
@@ -30,24 +29,24 @@ def struct(real, ndim):
     class Grid:
         n_rows: wp.int32
         width: wp.int32  # cells in a row
-        reach: wp.int32  # the farthest an offset leads along a row
+        reach: wp.int32  # largest offset along a row
         H: wp.int32  # forward offsets, half the window
-        sizes: Sizes  # of the leading axes, on three axes and more
+        sizes: Sizes  # of the leading axes, on three axes or more
         offsets: wp.array(dtype=Place)  # (2 H,)
-        weights: wp.array3d(dtype=real)  # (n_rows, H, width), or gamma (n_rows, 2 H, width); not read without
+        weights: wp.array3d(dtype=real)  # (n_rows, H, width), or gamma (n_rows, 2 H, width); read if there are any
 
     return Grid, Place, Sizes
 
 
 @functools.cache
 def make(real, ndim, form):
-    """The names of csr.py for a grid of so many axes, for one `form` of its edges."""
+    """Make the names of csr.py for a grid of `ndim` axes and one `form` of edges."""
     Graph, Place, _ = struct(real, ndim)
     Edge = gamma.edge(real, form == "gamma")
     leading = ndim - 1
     offset_at, weight_at = reals.reading(Place, 1), reals.reading(real, 3)
 
-    # `exists` compares as unsigned numbers, where one below 0 is very large: one comparison holds off both ends.
+    # `exists` compares unsigned numbers, where negative ones are very large: one comparison checks both bounds.
     if ndim <= 2:
 
         @wp.func
@@ -99,7 +98,7 @@ def make(real, ndim, form):
             return Edge(own, weight_at(graph.weights, v[0], 2 * graph.H - 1 - e, v[1]))
 
     elif form == "weights":
-        # Stored at u when the edge leads forward, at v when it leads back.
+        # Stored at u if the edge is a forward one, otherwise at v.
         @wp.func
         def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
             if e >= graph.H:

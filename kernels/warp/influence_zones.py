@@ -1,21 +1,21 @@
 """mu(u) = min over v of mu(v) + length(u, v) (section 5.2): one round towards the energy partition.
 
-Every vertex has its distance mu from the sources and a tag, the edges of the path that gave mu times 2^32, plus the
-label of its source. A vertex takes the least (mu(v) + length, tag(v) + hop) of its neighbours, compared in this order,
-if that is less than what it has: the least energy, then with hop = 2^32 the fewest edges, then the smallest label. All
-are integers, so that nothing is rounded, and what no round changes any more does not depend on the order in which
-vertices were treated.
+Every vertex has its distance mu from the sources and a tag: 2^32 times the number of edges of its path, plus the label
+of its source. A vertex takes the smallest (mu(v) + length, tag(v) + hop) of its neighbours, in lexicographic order, if
+that is smaller than its own: the least energy, then with hop = 2^32 the fewest edges, then the smallest label. Integers
+are exact, so the result after all rounds does not depend on the order of the vertices.
 
-One work item: a block of neighbouring vertices, until nothing in it can move. It reads its own vertices as they are by
-then, those of other blocks as they were before the round: a path crosses a block in one round, and no work item reads
-what another one writes. In the first round it goes down the lines and up again, each there and back, which brings most
-vertices to rest where sources are many; in later ones it looks at those that have neighbours in other blocks. Then it
-goes on from the vertices that moved last as Dijkstra does, the least first, by a heap. On a GPU a block is one vertex,
-on a CPU a few to a core. Traffic per vertex: reads and writes 16 bytes; in the first round reads 4 K lengths and
-4 (K + 1) vertices of 16 bytes more, most of them from the cache; then as much for every vertex that passes the heap.
+One work item: a block of neighbouring vertices, until none of them changes. It reads the current values of its own
+vertices, and those of other blocks from before the round: a path crosses a block in one round, and no work item reads
+what another one writes. In the first round it passes the lines down and up, each in both directions, which settles most
+vertices if there are many sources; in later rounds it visits the vertices with neighbours in other blocks. Then it
+continues from the changed vertices by Dijkstra's algorithm with a heap. A block is one vertex on a GPU; a CPU has a few
+blocks per core.
+Traffic per vertex: reads and writes 16 bytes; in the first round also reads 4 K lengths and 4 (K + 1) vertices of 16
+bytes, mostly from the cache; then the same for each vertex in the heap.
 
-On a grid an edge has its length at the end that comes first, (guard + n) H numbers with guard vertices of -1 before; a
-length below 0 is no edge, as where it would leave the grid or the mask. A stored graph has one per directed edge.
+On a grid the length of an edge is stored at the end that comes first, (guard + n) H numbers with -1 in the first
+guard H; a length < 0 means no edge, as where it leaves the grid or the mask. A stored graph has one per directed edge.
 """
 
 import functools
@@ -25,25 +25,25 @@ import warp as wp
 
 @functools.cache
 def struct():
-    """The struct that holds the graph and its lengths, and what a work item knows besides its block."""
+    """Make the struct with the graph, the lengths, and the other arguments of the kernel."""
 
     @wp.struct
     class Zones:
         n: wp.int32  # number of vertices
         H: wp.int32  # forward neighbours on a grid; 0: a stored graph
-        guard: wp.int32  # vertices of -1 before the first length of a grid: the largest jump
+        guard: wp.int32  # rows of -1 before the lengths of a grid: the largest jump
         jumps: wp.array(dtype=wp.int32)  # (H,): from a vertex to its forward neighbours
         indptr: wp.array(dtype=wp.int32)  # (n + 1,)
         indices: wp.array(dtype=wp.int32)  # (n_edges,)
         lengths: wp.array(dtype=wp.int32)  # (guard + n) H, or (n_edges,)
-        block: wp.int32  # vertices of a work item
+        block: wp.int32  # vertices of a block
         line: wp.int32  # vertices of a line
-        reach: wp.int32  # vertices at either end of a block to look at; the whole block: all, in lines
+        reach: wp.int32  # vertices to visit at each end of a block; if they cover it: all, in lines
         hop: wp.int64  # what an edge adds to a tag: 2^32, or 0
         mu: wp.array(dtype=wp.int64)  # (n,)
         tag: wp.array(dtype=wp.int64)  # (n,)
         # scratch
-        place: wp.array(dtype=wp.int32)  # (n,): 0 at first, and after
+        place: wp.array(dtype=wp.int32)  # (n,): 0 before and after
         heap: wp.array(dtype=wp.int32)  # (n,)
         # output
         mu_out: wp.array(dtype=wp.int64)  # (n,)
@@ -54,10 +54,10 @@ def struct():
 
 @functools.cache
 def make(grid):
-    """The kernel for a grid, or for a stored graph."""
+    """Make the kernel for a grid, or for a stored graph."""
     Zones = struct()
 
-    # The neighbours of u are numbered from first to last: offsets of a grid, backward ones first, or stored edges.
+    # The neighbours of u have indices first to last: offsets of a grid, backward ones first, or stored edges.
 
     @wp.func
     def first(z: Zones, u: int) -> int:
@@ -95,7 +95,7 @@ def make(grid):
 
     @wp.func
     def relax(z: Zones, u: int, begin: int, end: int) -> int:
-        """Give vertex u the best that its neighbours offer; 1 if that is less than what it had."""
+        """Update vertex u from its neighbours; return 1 if it changed."""
         best = z.mu_out[u]
         best_tag = z.tag_out[u]
         moved = int(0)
@@ -124,7 +124,7 @@ def make(grid):
 
     @wp.func
     def passing(z: Zones, u: int, begin: int, end: int) -> int:
-        """Vertex u in a pass over the block; if it moves, its neighbours have to be looked at again."""
+        """Update vertex u in a pass over the block; if it changes, mark its neighbours to be visited again."""
         z.place[u] = 0
         moved = relax(z, u, begin, end)
         if moved == 1:
@@ -134,12 +134,12 @@ def make(grid):
                     z.place[v] = 1
         return moved
 
-    # The heap: vertices of which each is at most its (up to four) children, those of i at 4 i + 1 and after;
-    # place[u] - 1 is where u is, 0 - 1 nowhere. Wide nodes make it shallow: its deeper levels are in no cache.
+    # A min-heap of vertices with four children per node, those of i from 4 i + 1 on. place[u] is 1 + the index of u, 0
+    # if it is not in the heap. Four children make it shallow, as its deeper levels are not in the cache.
 
     @wp.func
     def rise(z: Zones, u: int, at: int, begin: int):
-        """Put vertex u where it belongs, from the open place `at` on upwards."""
+        """Move vertex u up from the free index `at`."""
         i = int(at)
         rising = bool(i > 0)
         while rising:
@@ -156,7 +156,7 @@ def make(grid):
 
     @wp.func
     def sink(z: Zones, u: int, size: int, begin: int):
-        """Put vertex u where it belongs, from the open top on downwards, in a heap of this size."""
+        """Move vertex u down from the free top of a heap of this size."""
         i = int(0)
         sinking = bool(size > 1)
         while sinking:
@@ -179,7 +179,7 @@ def make(grid):
 
     @wp.func
     def sweep(z: Zones, begin: int, end: int) -> int:
-        """Down the lines of a block and up again, each there and back; 1 if anything moved."""
+        """Pass the lines of a block down and up, each in both directions; return 1 if a vertex changed."""
         moved = int(0)
         lines = (end - begin + z.line - 1) / z.line
         for i in range(2 * lines - 1):
@@ -196,14 +196,14 @@ def make(grid):
 
     @wp.func
     def settle(z: Zones, begin: int, end: int) -> int:
-        """One round of a block; 1 if anything moved."""
+        """Do one round of a block; return 1 if a vertex changed."""
         moved = int(0)
         size = int(0)
         if 2 * z.reach >= end - begin:
             moved = sweep(z, begin, end)
             for u in range(begin, end):
                 if z.place[u] == 1:
-                    # a flag so far; what is in the heap lies before u
+                    # only a mark so far: the heap has only vertices before u
                     z.place[u] = 0
                     if relax(z, u, begin, end) == 1:
                         rise(z, u, size, begin)
@@ -242,9 +242,9 @@ def make(grid):
     @wp.kernel(module="unique", enable_backward=False)
     def influence_zones(
         z: Zones,
-        start: wp.vec2i,  # the launch's first work item, and 0
+        start: wp.vec2i,  # the launch's first work item, then 0
         # output
-        changed: wp.array(dtype=wp.int32),  # one number per work item: whether anything in its block moved
+        changed: wp.array(dtype=wp.int32),  # one number per work item: whether a vertex of its block changed
     ):
         item = start[0] + wp.tid()
         begin = item * z.block

@@ -4,12 +4,12 @@
   out(u) = f(u) + theta (J(u) - f(u))
 
 alpha = gamma(u, v)^2 c(u, v), beta = gamma(u, v) gamma(v, u) c(u, v), c the conductance of the edge (conductance.py).
-lam is a number, or one value per vertex. Where lam is infinite, or the denominator is not above `smallest` (lam and all
-weights are 0, or nearly), out = f0. theta = 1 is the paper's process.
+lam is a number, or one value per vertex. Where lam is infinite, or the denominator is at most `smallest` (lam and all
+weights are about 0), out = f0. theta = 1 is the paper's process.
 
 One work item: one vertex; on a CPU a run of N along the row, on a grid of one channel a pack of N (pack.py).
-Traffic per vertex of D neighbours: reads D weights, (D + 2) M values, (D + 1) G conductances (none with the edge norm)
-and lam, of which a grid finds all but 2 M + G + 1 in the cache, on CSR also D indices; writes M numbers.
+Traffic per vertex with D neighbours: reads D weights, and (D + 2) M values, (D + 1) G conductances (none with the edge
+norm) and lam (grid: all but 2 M + G + 1 from the cache; CSR: also D indices); writes M numbers.
 """
 
 import functools
@@ -32,7 +32,7 @@ _END = """
 
 
 def _fast(kind, lam_array):
-    """The parts of pack.source."""
+    """Return the parts of pack.source."""
     sums = "const T* const F = (const T*)f.data; V pull = V{}, total = V{};"
     body = "const V c = w * T(2); total += c; pull += c * load(F + i + ahead);"
     if kind == "vertex":
@@ -43,7 +43,7 @@ def _fast(kind, lam_array):
 
 @functools.cache
 def make(access, M, G, kind, lam_array, N, packs):
-    """The kernel for one kind of graph, M channels, G conductances of a kind, lam an array or not; runs, packs of N."""
+    """Make the kernel for one kind of graph, M channels, G conductances of a kind, runs or packs of N."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
@@ -56,7 +56,7 @@ def make(access, M, G, kind, lam_array, N, packs):
     last = G - 1
     smallest = reals.smallest(real)
 
-    # The two sums: of beta(u, v) f(v), and of alpha(u, v).
+    # The sums of beta(u, v) f(v) and of alpha(u, v).
     @wp.func
     def around(
         graph: Graph,
@@ -179,7 +179,7 @@ def make(access, M, G, kind, lam_array, N, packs):
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
         f0: wp.array2d(dtype=function),  # M channels
-        g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        g: wp.array2d(dtype=norm),  # G channels: the conductances; read with kind "vertex"
         power: real,  # (p - 2)/2; read with the edge norm
         eps2: real,  # eps^2; read with the edge norm
         lam: lam_type,  # a number or 1 channel

@@ -1,7 +1,7 @@
 """max_change = max over vertices and channels of |a - b|; infinity if any difference is not a number.
 
-One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes its maximum, the host takes
-the largest of these. Traffic per vertex: reads 2 M values. The graph is not read.
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes its maximum; the host takes
+the largest one. Traffic per vertex: reads 2 M values. The graph is not read.
 """
 
 import functools
@@ -13,7 +13,7 @@ from .reals import reading, vector
 
 @functools.cache
 def make(real, M):
-    """The kernel for M channels."""
+    """Make the kernel for M channels."""
     function = vector(real, M)
     at = reading(function)
 
@@ -28,7 +28,7 @@ def make(real, M):
             d = at(a, row, x) - at(b, row, x)
             for c in range(M):
                 change = wp.abs(d[c])
-                # wp.max may drop a NaN: make it the largest number instead
+                # wp.max may drop a NaN: use infinity instead
                 if wp.isnan(change):
                     change = real(wp.inf)
                 largest = wp.max(largest, change)
@@ -39,8 +39,8 @@ def make(real, M):
     def max_change(
         a: wp.array2d(dtype=function),  # M channels
         b: wp.array2d(dtype=function),  # M channels
-        reach: int,  # from a segment's first vertex to the next one's
-        stride: int,  # from a vertex to the next of its segment
+        reach: int,  # step from a segment's first vertex to that of the next segment
+        stride: int,  # step between the vertices of a segment
         count: int,  # vertices in a segment
         first: wp.vec2i,  # row and x of the launch's first work item
         # output

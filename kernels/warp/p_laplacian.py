@@ -4,8 +4,8 @@ c is the conductance of the edge (conductance.py): g(u) + g(v) with g = |grad_w 
 with the edge norm, |d_w(f)(u, v)|^(p - 2) (the derivative of eq. 30).
 
 One work item: one vertex.
-Traffic per vertex of D neighbours: reads D weights, (D + 1) M values and (D + 1) G conductances (none with the edge
-norm), of which a grid finds all but M + G in the cache, on CSR also D indices; writes M numbers.
+Traffic per vertex with D neighbours: reads D weights, and (D + 1) M values and (D + 1) G conductances (none with the
+edge norm; grid: all but M + G from the cache; CSR: also D indices); writes M numbers.
 """
 
 import functools
@@ -17,7 +17,7 @@ from . import conductance, gamma, reals
 
 @functools.cache
 def flow_around(access, M, G, kind):
-    """A function that gives the sum, with the opposite sign, at a vertex; the Euler step uses it too."""
+    """Make a function that computes minus the sum at a vertex; also used by the Euler step."""
     real, Graph, Place = access.real, access.Graph, access.Place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)
@@ -54,7 +54,7 @@ def flow_around(access, M, G, kind):
 
 @functools.cache
 def make(access, M, G, kind):
-    """The kernel for one kind of graph, M channels, and G conductances of a kind."""
+    """Make the kernel for one kind of graph, M channels, and G conductances of a kind."""
     real, Graph, place = access.real, access.Graph, access.place
     channels = reals.make(real, M, G)
     function, norm = channels.function, channels.norm
@@ -65,7 +65,7 @@ def make(access, M, G, kind):
     def p_laplacian(
         graph: Graph,
         f: wp.array2d(dtype=function),  # M channels
-        g: wp.array2d(dtype=norm),  # G channels: the conductances; not read without them
+        g: wp.array2d(dtype=norm),  # G channels: the conductances; read with kind "vertex"
         power: real,  # (p - 2)/2; read with the edge norm
         eps2: real,  # eps^2; read with the edge norm
         first: wp.vec2i,  # row and x of the launch's first work item

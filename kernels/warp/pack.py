@@ -1,15 +1,14 @@
-"""N neighbouring cells of a row of a grid at once, for one channel: what a CPU gains its vectors by.
+"""Packs: N neighbouring cells of a grid row at once, for one channel, as vectors of a CPU.
 
-A primitive that has a `fast` path takes it where no neighbour of the pack leaves its row; elsewhere it goes through the
-cells one by one with its ordinary code, a `run`. The fast paths are C++, for whose vectors clang has operators; the
-loops over the numbers of a Warp vector it leaves to chance.
+A primitive with a `fast` path uses it if no neighbour of the pack leaves its row; otherwise it computes the cells one
+by one, a `run`. The fast paths are C++, as clang has operators for its vectors, but does not always vectorise loops
+over a Warp vector.
 """
 
 import warp as wp
 
-# The beginning of a fast path of the vertex `u`: types, and a loop over the neighbours that adds to what `SUMS`
-# declares. In the loop, w is the pack of weights, i the first cell's place in a function, ahead the step to the
-# neighbours'.
+# The beginning of a fast path at the vertex `u`: types, and a loop over the neighbours that adds to the `SUMS`.
+# In the loop, w is the pack of weights, i the index of the first cell in a function, ahead the step to its neighbour.
 _BEGIN = """
     typedef %(T)s T;
     enum { N = %(N)d, LEADING = %(leading)d };
@@ -37,12 +36,12 @@ _WEIGHT = """
 
 
 def possible(access, M):
-    """Whether there is a fast path for such a graph and function; there is none for the edge norm."""
+    """Check whether there is a fast path for this graph and M channels; the edge norm has none."""
     return access.pack is not None and M == 1
 
 
 def source(access, N, sums, body, end):
-    """C++ that declares `sums`, adds to them in `body` for every neighbour, and uses them in `end`."""
+    """Return C++ that declares `sums`, adds to them in `body` for each neighbour, and uses them in `end`."""
     leading, weighted = access.pack
     begin = _BEGIN % {
         "T": "double" if access.real == wp.float64 else "float",

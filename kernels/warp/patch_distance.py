@@ -3,15 +3,14 @@ similarity(u, v) = s(u, v) exp(-max(rho - shift, 0) scale)                      
                  = s(u, v) exp(-max(rho - shift - a(u) - a(v), 0) scale q(u) q(v))       and `maps`
 
 The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale = 1/sigma_X^2 and the spatial factor s.
-Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel takes the noise's share off the distance.
-f comes padded by the patch's radius (numpy's "reflect") as rows of cells, so that no read of a patch leaves it: no work
-item asks where the border is.
+Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel subtracts the contribution of noise from
+the distance. f is padded by the radius of the patch (numpy's "reflect"), so that no patch leaves it.
 
-Grid: one work item gives the weights of all forward offsets on a strip of cells (strip.py says how, and at what
-arithmetic), in the layout of grid.py, the zeros that lead out of the grid or the mask included.
-CSR: one work item gives the weights of all edges of one vertex; `site` is where its patch is centred. A patch is a
-bundle of lines: line l of the patch around cell (y, x) is the cells x - r .. x + r of the padded row y + lines[l].
-Traffic per edge of a patch of P offsets: reads 2 P M values, nearly all from the cache; writes one number.
+Grid: one work item computes the weights of all forward offsets on a strip of cells (see strip.py), in the layout of
+grid.py, including the zeros where an edge leaves the grid or the mask.
+CSR: one work item computes the weights of all edges of one vertex; `site` is the centre of its patch. Line l of the
+patch around cell (y, x) is the cells x - r .. x + r of the padded row y + lines[l].
+Traffic per edge with a patch of P offsets: reads 2 P M values, mostly from the cache; writes one number.
 Arithmetic per edge: 3 P M operations.
 """
 
@@ -25,7 +24,7 @@ from .reals import reading, vector
 
 @functools.cache
 def distance(real, M, similarity):
-    """Two functions: rho of the patches around two cells of the padded f, and what the weight makes of it."""
+    """Make two functions: rho of the patches around two cells of the padded f, and the weight from rho."""
     function = vector(real, M)
     at, g_at, line_at = reading(function), reading(real), reading(wp.int32, 1)
 
@@ -83,7 +82,7 @@ _WEIGHTS = """
 
 @functools.cache
 def make_grid(real, ndim, M, R, maps, similarity, N, S):
-    """The kernel for a grid of so many axes, patches of radius R, and packs of N cells on S rows."""
+    """Make the kernel for a grid of `ndim` axes, patches of radius R, and packs of N cells on S rows."""
     Patches = strip.struct(real)
     weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], k, centre0 + y * p.pitch)" if similarity else "rho[y]")
 
@@ -92,7 +91,7 @@ def make_grid(real, ndim, M, R, maps, similarity, N, S):
 
     @wp.kernel(module="unique", enable_backward=False)
     def patch_distance(
-        p: Patches,  # its offsets: those that lead forward
+        p: Patches,  # with the forward offsets
         first: wp.vec2i,  # strip and pack of the launch's first work item
         # output
         out: wp.array3d(dtype=real),  # weights, in the layout of grid.py
@@ -105,7 +104,7 @@ def make_grid(real, ndim, M, R, maps, similarity, N, S):
 
 @functools.cache
 def make_csr(access, M, similarity, with_spatial, with_maps):
-    """The kernel for a CSR graph."""
+    """Make the kernel for a CSR graph."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     begin, end, neighbour = access.begin, access.end, access.neighbour
     function = vector(real, M)
@@ -177,8 +176,8 @@ def make_csr(access, M, similarity, with_spatial, with_maps):
         scale: real,
         cut: real,
         site: wp.array(dtype=wp.vec2i),  # (n,)
-        spatial: wp.array(dtype=real),  # (n_edges,); not read without `with_spatial`
-        maps: wp.array(dtype=real),  # (2 n,): a and q of each vertex; not read without `with_maps`
+        spatial: wp.array(dtype=real),  # (n_edges,); read with `with_spatial`
+        maps: wp.array(dtype=real),  # (2 n,): a and q per vertex; read with `with_maps`
         first: wp.vec2i,  # row and x of the launch's first work item
         # output
         out: wp.array(dtype=real),  # (n_edges,)

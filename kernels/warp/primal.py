@@ -1,9 +1,9 @@
 """primal(u) = f0(u) - adjoint(y)(u) / lam(u)
 
-The function that belongs to a dual variable; where lam is infinite: f0.
+The function f of a dual variable y; f0 where lam is infinite.
 
 One work item: one vertex.
-Traffic per vertex: that of adjoint, M values of f0 and lam.
+Traffic per vertex: as adjoint, plus M values of f0, and lam.
 """
 
 import functools
@@ -16,7 +16,7 @@ from .adjoint import outflow_around
 
 @functools.cache
 def make(access, M, lam_array):
-    """The kernel for one kind of graph, M channels, and lam as an array or a number."""
+    """Make the kernel for one kind of graph, and M channels; lam may be an array."""
     real, Graph, Place, place = access.real, access.Graph, access.Place, access.place
     function = reals.vector(real, M)
     at, put = reals.reading(function), reals.writing(function)

@@ -1,12 +1,12 @@
 """length(r) = the t >= 0 with sigma t + share phi'(t) = r,   phi(t) = (t^2 + eps^2)^(p/2) / p
 
-s = r - sigma length(r) is the length of the proximal step of sigma (share phi)* from a point r away from 0, and with
-sigma = 0 it is where the conjugate (share phi)*(s) = s t - share phi(t) has its maximum. `case` says what is compiled:
+s = r - sigma length(r) is the norm of the proximal step of sigma (share phi)* from a point of norm r. With sigma = 0,
+t = length(s) maximises s t - share phi(t), which gives the conjugate (share phi)*(s). The cases are:
 
   "newton"   any p >= 1, eps >= 0     "ball"   p = 1, eps = 0     "square"   p = 2     "power"   p > 1, eps = 0
 
-The second and third have closed forms, the last one for the conjugate. Newton's method starts on the side from which it
-goes straight there: phi' is concave for p < 2, so below, and convex for p > 2, so above.
+The second and third have closed forms, the last has one for the conjugate. Newton's method converges from one side:
+phi' is concave for p < 2, so it starts below the solution, and convex for p > 2, so it starts above.
 """
 
 import functools
@@ -17,16 +17,16 @@ import warp as wp
 
 from . import reals
 
-# Newton steps at most; they stop once they turn back, which is rounding.
+# The maximum number of Newton steps. They are monotone: they stop at a step back, which is rounding.
 _STEPS = wp.constant(60)
 
 
 @dataclass(frozen=True, eq=False)
 class Prox:
-    """Functions of the square of a length, of one number of a norm.
+    """Functions of squared norms, for one number of a norm.
 
     factor(square, sigma, p, eps)
-        what a proximal step multiplies z with; for p = 1 it leads a little inside the ball
+        the factor of z in a proximal step; for p = 1 the result is slightly inside the unit ball
     duality(square, dual, product, p, eps)
         share phi + (share phi)* - product, for |d|^2, |y|^2 and <d, y>
     """
@@ -37,7 +37,7 @@ class Prox:
 
 @functools.cache
 def make(real, case, edge_norm):
-    """The functions for one case; an edge has two ends, so that with the edge norm the share is 1/2."""
+    """Make the functions for one case; with the edge norm the share is 1/2, as an edge has two ends."""
     raise_ = reals.raising(real)
     share = wp.constant(real(0.5 if edge_norm else 1.0))
     rounding = wp.constant(real(2.220446049250313e-16 if real == wp.float64 else 1.1920929e-7))
@@ -53,7 +53,7 @@ def make(real, case, edge_norm):
         whole = r / share
         t = real(0.0)
         if p < two:
-            # of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
+            # one of the two terms is at least r / 2, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
             least = whole
             if sigma > zero:
                 least = whole / two
@@ -66,7 +66,7 @@ def make(real, case, edge_norm):
             if p == one:
                 t = wp.max(t, (r - share) / sigma)
         else:
-            # neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
+            # no term is larger than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
             t = raise_(whole, one / (p - one))
             if eps > zero:
                 t = wp.min(t, whole * raise_(eps, two - p))
@@ -123,7 +123,7 @@ def make(real, case, edge_norm):
             r = wp.sqrt(wp.min(square, largest))
             if not r > zero:
                 return one
-            # of the two sides of the equation the one that loses no digits
+            # use the side of the equation that loses no digits
             t = length(r, sigma, p, eps)
             s = r - sigma * t
             square_t = wp.min(t * t + eps * eps, largest)
@@ -149,10 +149,10 @@ def make(real, case, edge_norm):
         def conjugate(square: real, p: real, eps: real) -> real:
             if p == one:
                 return zero - share * eps * wp.sqrt(wp.max(one - square / (share * share), zero))
-            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            # t maximises s t - share phi(t), so a rounded exponent has only an effect of second order
             t = maximiser(square, p, eps)
             found = wp.sqrt(square) * t - share * raise_(t * t + eps * eps, p / two) / p
-            # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
+            # the conjugate is >= -share eps^p / p: -infinity or NaN comes from an overflow
             if not found >= zero - largest:
                 return real(wp.inf)
             return found

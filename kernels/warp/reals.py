@@ -1,11 +1,9 @@
 """Number types, and the arithmetic of functions of several channels.
 
-`real` is wp.float32 or wp.float64. A function of M channels is an array of vectors of M reals, so that a kernel treats
-all channels of a vertex at once; a gradient norm or a conductance is a vector of G reals, one for all channels (G = 1)
-or one each (G = M).
+`real` is wp.float32 or wp.float64. A function of M channels is an array of vectors of M reals. A gradient norm or a
+conductance is a vector of G reals: one for all channels (G = 1) or one per channel (G = M).
 
-A factory of this folder is called once per combination of what is compiled in, and keeps what it made: kernels and
-functions close over the types they are for.
+The `make` functions of this folder are cached: each runs once per combination of options and types.
 """
 
 import functools
@@ -21,8 +19,8 @@ class Channels:
 
     function, norm   vectors of M and of G reals
     squared(d)       |d|^2 as a norm: summed over the channels if G = 1
-    scaled(a, d)     the function d, each channel times its conductance in the norm a
-    raised(x, shift, power)   (x + shift)^power, of each number of a norm
+    scaled(a, d)     the function d, each channel multiplied by its conductance a
+    raised(x, shift, power)   (x + shift)^power, for each number of a norm
     """
 
     function: Any
@@ -34,16 +32,16 @@ class Channels:
 
 @functools.cache
 def vector(real, length):
-    """A vector type."""
+    """Return a vector type."""
     return wp.types.vector(length=length, dtype=real)
 
 
 @functools.cache
 def reading(dtype, ndim=2):
-    """A function that reads an array of so many axes, which is contiguous, as all arrays of this project are.
+    """Make a function that reads a contiguous array of `ndim` axes; all arrays of this project are contiguous.
 
-    Warp's own indexing multiplies by strides that it loads each time: a neighbour loop spends a third of its time so,
-    and another third where it is a loop over a range, whose step may have either sign: hence the `while` loops here.
+    Warp's own indexing loads and multiplies strides, a third of the time of a loop over neighbours. A loop over a range
+    takes another third, as its step may have either sign: the kernels use `while` instead.
     """
     if ndim == 1:
 
@@ -65,7 +63,7 @@ def reading(dtype, ndim=2):
 
 @functools.cache
 def writing(dtype, ndim=2):
-    """A function that writes a number of such an array."""
+    """Make a function that writes to a contiguous array of `ndim` axes."""
     if ndim == 2:
 
         @wp.func_native("a.data[(size_t)i * a.shape[1] + j] = x;")
@@ -80,13 +78,13 @@ def writing(dtype, ndim=2):
 
 
 def smallest(real):
-    """A sum of weights below this is taken for 0: of numbers so small a quotient has few digits left, or none."""
+    """Return the sum of weights that counts as 0, because quotients of smaller numbers lose their digits."""
     return wp.constant(real(1e-290 if real == wp.float64 else 1e-30))
 
 
 @functools.cache
 def raising(real):
-    """x^power for x >= 0. The exponents of p = 1 and p = 2 avoid pow; the branch is the same for all work items."""
+    """Make x^power for x >= 0, without pow for the exponents of p = 1 and p = 2."""
 
     @wp.func
     def raise_(x: real, power: real) -> real:
@@ -105,7 +103,7 @@ def raising(real):
 
 @functools.cache
 def make(real, M, G):
-    """The types and functions for M channels with G gradient norms, G = 1 or M."""
+    """Make the types and functions for M channels with G gradient norms, G = 1 or M."""
     function, norm = vector(real, M), vector(real, G)
     raise_ = raising(real)
 
@@ -141,7 +139,7 @@ def make(real, M, G):
 
 @functools.cache
 def per_vertex(real, Place, is_array):
-    """The type of an argument that is a number or one value per vertex, and a function that gives its value at one."""
+    """Return the type of an argument, a number or one value per vertex, and a function for its value at a vertex."""
     if is_array:
         argument, at = wp.array2d(dtype=vector(real, 1)), reading(vector(real, 1))
 
@@ -161,9 +159,9 @@ def per_vertex(real, Place, is_array):
 
 @functools.cache
 def divided(real, M, over):
-    """The type of an argument to divide by, of 1 channel or M, or a number (0), and a function that divides by it.
+    """Return the type of a divisor, of 1 or M channels or a number (`over` = 0), and a function that divides by it.
 
-    What is divided by infinity is 0.
+    A quotient by infinity is 0.
     """
     function = vector(real, M)
     argument = wp.array2d(dtype=vector(real, over)) if over else real

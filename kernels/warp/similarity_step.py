@@ -3,12 +3,12 @@
   out(u) = (lam f0(u) + sum_v 2 w(u, v) f(v)) / (lam + sum_v 2 w(u, v))
   w(u, v) = s(u, v) exp(-max(rho(u, v) - shift, 0) scale),   rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2
 
-With `largest` lam counts in units of the largest weight around u.
-Where lam is infinite, or the denominator is not above `smallest`, out = f0.
+With `largest`, lam is in units of the largest weight around u.
+Where lam is infinite, or the denominator is at most `smallest`, out = f0.
 
 One work item: a strip of cells (strip.py).
-Traffic per vertex: all from the cache but M values of f and f0, `inside` and lam; writes M numbers.
-Arithmetic per edge: strip.py's, an exp, and 2 + 2 M operations.
+Traffic per vertex: M values of f and f0, `inside` and lam, the rest from the cache; writes M numbers.
+Arithmetic per edge: as strip.py, an exp, and 2 + 2 M operations.
 """
 
 import functools
@@ -58,7 +58,7 @@ _END = """
 
 @functools.cache
 def make(real, ndim, M, R, maps, lam_array, largest, N, S):
-    """The kernel for a grid of so many axes, M channels, patches of radius R, and packs of N cells on S rows."""
+    """Make the kernel for a grid of `ndim` axes, M channels, patches of radius R, and packs of N cells on S rows."""
     Patches, function = strip.struct(real), reals.vector(real, M)
     lam_type = wp.array2d(dtype=reals.vector(real, 1)) if lam_array else real
     smallest = reals.smallest(real)

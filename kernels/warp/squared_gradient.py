@@ -1,7 +1,7 @@
-"""The sum that the gradient norm raises to a power, and the energy too:
+"""The sum that gradient_norm and energy raise to a power:
 
 vertex norm   sum_v d_w(f)(u, v)^2 + eps^2
-edge norm     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the edges that are there
+edge norm     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the existing edges
 """
 
 import functools
@@ -13,7 +13,7 @@ from . import gamma, reals
 
 @functools.cache
 def make(access, M, G, edge_norm):
-    """A function that gives the sum at a vertex as a norm."""
+    """Make a function that computes the sum at a vertex as a norm."""
     real, Graph, Place = access.real, access.Graph, access.Place
     begin, end, neighbour, exists, edge = access.begin, access.end, access.neighbour, access.exists, access.edge
     channels = reals.make(real, M, G)

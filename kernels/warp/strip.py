@@ -1,31 +1,29 @@
 """rho(u, v) = sum_j g_j |f(u + j) - f(v + j)|^2 for a strip of cells u, one offset of the window after the other
                                                                                                    (section 5.2)
-g is an outer product of one profile, so rho is a sum along the rows of the patch, then one across them, each with the
-profile's weights: a few additions per row and column of the patch instead of one per cell. All terms are non-negative
-and none is ever taken off again, so that a small distance beside a large one keeps its digits.
+g is an outer product of one profile, so rho is a sum along the rows of the patch, then across them, both weighted by
+the profile: a few additions per row and column of the patch instead of one per cell. All terms are >= 0 and no term is
+subtracted again, so that a small distance next to a large one loses no digits.
 
-A strip is N neighbouring cells of S rows, down the next-to-last axis; a work item goes through it with vectors of N.
-Each row of patches is summed once, and added to the distances of all cells of the strip whose patches hold it. A GPU
-takes N = S = 1: one thread a cell.
-f comes as planes of cells, a plane per channel, padded by the patch's radius (numpy's "reflect") and, along a row, by
-zeros on both sides that reach as far as the window and a pack: no read asks where the border is, and what was read
-beyond it is dropped by `inside`, which is 0 there.
+A strip is S rows, along the next-to-last axis, of N neighbouring cells; a work item computes it with vectors of N. Each
+row of a patch is summed once, and added to the distances of all cells whose patches contain it. On a GPU N = S = 1.
+f is one plane of cells per channel, padded by the radius of the patch (numpy's "reflect") and, along a row, by zeros on
+both sides for the reach of the window and a pack: reads need no check of the border, as `inside` is 0 beyond it.
 Arithmetic per edge: (S + 2 r)/S times 2 (2 r + 1) multiplications and additions, and 3 M for a difference.
 
-This is C++ for its vectors: clang leaves loops over the numbers of a Warp vector to chance. What is done with rho,
-`weights`, is C++ too; it finds k (number of the offset), from, until (the strip's rows that have a neighbour), rho[y],
-ahead (from a cell to its neighbour in the padded planes), cell0 (the strip's first cell) and centre0 (that one's place
-in the padded planes), similarity(rho, k, u), of a cell and its neighbour along offset k, u in the padded planes.
+This is C++, as clang does not always vectorise loops over a Warp vector. The C++ in `weights` uses k (index of the
+offset), from, until (the rows of the strip with a neighbour), rho[y], ahead (step from a cell to its neighbour in the
+padded planes), cell0 (the first cell of the strip), centre0 (its index in the padded planes), and similarity(rho, k, u)
+(the weight of the cell at u in the padded planes and its neighbour along offset k).
 """
 
 import functools
 
 import warp as wp
 
-# Vectors of N reals, for which clang has operators; one real where N = 1, as on a GPU, whose compiler has no vectors.
-# The exponential of x <= 0: the C library's has no vectors either. Reduced by n ln 2 in two parts (Cody and Waite, n by
-# adding and taking off 1.5 2^23), its series to degree 7 (5e-9 of the value on |r| <= ln(2)/2), times 2^n through the
-# bits; below the normal numbers 0.
+# Vectors of N reals, for which clang has operators; one real if N = 1, as on a GPU, whose compiler has no vectors.
+# exp(x) for x <= 0, as the C library has none for vectors: x is reduced by n ln 2 in two parts (Cody and Waite; n by
+# adding and subtracting 1.5 2^23), then the series to degree 7 (relative error 5e-9 on |r| <= ln(2)/2), times 2^n in
+# the exponent bits; subnormal results are 0.
 _PACK = """
 #define WP_GPUREG_LOAD(p) ([](const T* at) { V v; __builtin_memcpy(&v, at, sizeof(V)); return v; }(p))
     typedef T V __attribute__((vector_size(N * sizeof(T))));
@@ -160,7 +158,7 @@ _STRIP = """
 
 @functools.cache
 def struct(real):
-    """The struct that holds the padded function, the window and the patch."""
+    """Make the struct with the padded function, the window and the patch."""
 
     @wp.struct
     class Patches:
@@ -168,14 +166,14 @@ def struct(real):
         plane: wp.int64  # from a channel to the next
         pitch: wp.int64  # from a row to the next
         left: wp.int32  # zeros before each row
-        inside: wp.array(dtype=real)  # a plane: 1 on the grid and in its mask, 0 elsewhere
-        maps: wp.array(dtype=real)  # two planes: a and q of the cells, 0 elsewhere; not read without `maps`
+        inside: wp.array(dtype=real)  # one plane: 1 on the grid and in its mask, 0 elsewhere
+        maps: wp.array(dtype=real)  # two planes: a and q of the cells, 0 elsewhere; read with `maps`
         sizes: wp.array(dtype=wp.int32)  # of the grid's axes
         offsets: wp.array(dtype=wp.int32)  # (n_offsets * axes,)
         n_offsets: wp.int32
         spatial: wp.array(dtype=real)  # (n_offsets,): s
         lines: wp.array(dtype=wp.int32)  # the patch along the leading axes: steps in padded rows,
-        line_weights: wp.array(dtype=real)  # and the part of g there
+        line_weights: wp.array(dtype=real)  # and their weights, factors of g
         profile: wp.array(dtype=real)  # (2 R + 1,): g along one axis
         shift: real
         scale: real
@@ -185,9 +183,9 @@ def struct(real):
 
 
 def source(real, ndim, M, R, N, S, *, maps, begin="", weights, end=""):
-    """C++ for the strip number `strip` and the pack number `pack` of the Patches `p`, on a grid of so many axes.
+    """Return C++ for strip `strip` and pack `pack` of the Patches `p`, on a grid of `ndim` axes.
 
-    `begin`, `weights` and `end` are put before the loop over the offsets, at the end of its body, and after it.
+    `begin` goes before the loop over the offsets, `weights` to the end of its body, and `end` after it.
     """
     double = real == wp.float64
     return _STRIP % {

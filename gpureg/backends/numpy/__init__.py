@@ -1,1 +1,1 @@
-"""The numpy backend: the oracle that the devices are compared with."""
+"""The numpy backend: the reference for the tests of the devices."""

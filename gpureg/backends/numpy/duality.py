@@ -1,4 +1,4 @@
-"""The oracle of the certified solvers' primitives."""
+"""The primitives of the certified solvers, in numpy."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..duality import BALL_ROUNDINGS
 from ..types import Array, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
 
-# Newton steps at most; they stop by themselves once nothing moves.
+# The maximum number of Newton steps; they stop once nothing moves.
 _STEPS = 60
 
 
 def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
-    """The t >= 0 with sigma t + share phi'(t) = r, for r >= 0 and sigma > 0, or sigma = 0 and p > 1 or eps > 0.
+    """Solve sigma t + share phi'(t) = r for t >= 0; r >= 0, and sigma > 0 or p > 1 or eps > 0.
 
-    Newton's method from a side from which it goes straight there: phi' is concave for p < 2, so it starts below, and
-    convex for p > 2, so it starts above.
+    Newton's method converges from one side: phi' is concave for p < 2, so it starts below the solution, and convex for
+    p > 2, so it starts above.
     """
     if p == 2:
         return r / (sigma + share)
@@ -35,7 +35,7 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
     whole = r / share
     with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
         if p < 2:
-            # of two terms that sum up to r one is at least half of it, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
+            # one of the two terms is at least r / 2, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
             least = whole / 2 if sigma > 0 else whole
             t: FloatArray = least * r.dtype.type(eps) ** (2 - p)
             if p > 1:
@@ -45,7 +45,7 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
             if p == 1:
                 t = np.maximum(t, (r - share) / sigma)
         else:
-            # neither term is more than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
+            # no term is larger than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1))
             t = whole ** (1 / (p - 1))
             if eps > 0:
                 t = np.minimum(t, whole * r.dtype.type(eps) ** (2 - p))
@@ -68,7 +68,7 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
 
 
 def step_length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
-    """S = share phi'(t) = r - sigma t at the t of :func:`length`, from the side that loses no digits."""
+    """Compute s = share phi'(t) = r - sigma t for t of :func:`length`, in the form that loses no digits."""
     if p == 1 and eps == 0:
         least: FloatArray = np.minimum(r, share)
         return least
@@ -81,7 +81,7 @@ def step_length(r: FloatArray, sigma: float, share: float, p: float, eps: float)
 
 
 def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
-    """(share phi)*(s), s >= 0; for p = 1, where s <= share, a larger s counts as that."""
+    """Compute (share phi)*(s) for s >= 0; for p = 1 a value s > share counts as share."""
     found: FloatArray
     if p == 1:
         inside = np.minimum(s / share, 1)
@@ -90,16 +90,16 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
         found = s**2 / (2 * share) - share * s.dtype.type(eps) ** 2 / 2
     else:
         with np.errstate(over="ignore", invalid="ignore"):
-            # with s t - share phi(t) a rounded exponent counts to second order only, as t is where that is largest
+            # t maximises s t - share phi(t), so a rounded exponent has only an effect of second order
             t = length(s, 0.0, share, p, eps) if eps > 0 else raised(s / share, 1 / (p - 1))
             found = s * t - share * raised(t**2 + s.dtype.type(eps) ** 2, p / 2) / p
-        # never below -share eps^p / p: less, or no number, is the overflow of a conjugate too large to write
+        # the conjugate is >= -share eps^p / p: -inf or NaN comes from an overflow
         found = np.where(np.isfinite(found), found, np.inf)
     return found
 
 
 class NumpyDuality(NumpyGraph):
-    """The primitives of the certified solvers in numpy."""
+    """The primitives of the certified solvers."""
 
     def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
         change = float(np.abs(a - b).max(initial=0))
@@ -123,7 +123,7 @@ class NumpyDuality(NumpyGraph):
         out[...] = np.where(pinned, 0, pull - self._flow(weighted, f, g))
 
     def _around(self, graph: AnyGraph, H: FloatArray) -> FloatArray:
-        """Sums of a function on the edges over those that start at a vertex, (n, channels)."""
+        """Sum a function on the edges over the edges that start at each vertex, (n, channels)."""
         if isinstance(graph, GridGraph):
             total: FloatArray = H.sum(axis=0).reshape(graph.n_vertices, -1)
             return total
@@ -132,7 +132,7 @@ class NumpyDuality(NumpyGraph):
         return sums
 
     def _at_edges(self, graph: AnyGraph, x: FloatArray) -> FloatArray:
-        """A function on the vertices as one of the edges that start there."""
+        """Expand a function on the vertices to the edges that start there."""
         return x.reshape(*graph.shape, -1) if isinstance(graph, GridGraph) else x[graph.edge_rows()]
 
     def dual_step(
@@ -156,7 +156,7 @@ class NumpyDuality(NumpyGraph):
         share = 0.5 if edge_norm else 1.0
         s = step_length(r, sigma, share, p, eps)
         if p == 1:
-            # inside the unit ball in spite of the roundings of a norm: the certificate needs that
+            # the certificate needs y inside the unit ball, in spite of the roundings of a norm
             s = np.minimum(s, share * (1 - BALL_ROUNDINGS * np.finfo(self.dtype).eps))
         factor = np.where(r > 0, s / np.where(r > 0, r, 1), 0).astype(self.dtype)
         previous[...] = z * (factor if edge_norm else self._at_edges(graph, factor))

@@ -1,7 +1,7 @@
-"""Graphs in numpy: a vertex's neighbours, and what an edge brings.
+"""Graphs in numpy: sums over the neighbours of a vertex, and the terms of an edge.
 
-Written once for both kinds of graph: a grid is a loop over the forward offsets with slices for the two ends of all its
-edges, a stored graph a loop over blocks of rows.
+A grid is a loop over the forward offsets, with slices for the two ends of their edges; a stored graph is a loop over
+blocks of rows.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ...graphs.grid import AnyGraph, GridGraph
 from ..protocol import Backend
 from ..types import Array, Conductance, Smoothness, Weighted, host_weights
 
-# Stored edges treated at a time.
+# Edges of a stored graph in one block.
 _BLOCK = 1 << 18
 
 
 def raised(x: FloatArray, power: float) -> FloatArray:
-    """x^power; the exponents of p = 1 and p = 2 avoid pow, as the kernels do."""
+    """Compute x^power, without pow for the exponents of p = 1 and p = 2, as the kernels do."""
     if power == 1:
         return x
     if power == 0.5:
@@ -36,29 +36,29 @@ def raised(x: FloatArray, power: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Edges:
-    """Some edges (u, v), all the same way round: their weight w, or gamma(u, v) and gamma(v, u)."""
+    """Some directed edges (u, v): their weight w, or gamma(u, v) as `own` and gamma(v, u) as `other`."""
 
     w: Any
     own: Any = None
     other: Any = None
 
     def difference(self, f_u: FloatArray, f_v: FloatArray) -> FloatArray:
-        """d_w(f)(u, v), up to the factor sqrt(w) that :meth:`squared` and :meth:`flow` bring in."""
+        """Compute d_w(f)(u, v), without the factor sqrt(w): the `d` of the other methods."""
         d: FloatArray = f_v - f_u if self.own is None else self.other * f_v - self.own * f_u
         return d
 
     def squared(self, d: FloatArray) -> FloatArray:
-        """d_w(f)(u, v)^2."""
+        """Compute d_w(f)(u, v)^2."""
         square: FloatArray = self.w * d**2 if self.own is None else d**2
         return square
 
     def derived(self, d: FloatArray) -> FloatArray:
-        """d_w(f)(u, v)."""
+        """Compute d_w(f)(u, v)."""
         derivative: FloatArray = np.sqrt(self.w) * d if self.own is None else d
         return derivative
 
     def flow(self, d: FloatArray) -> FloatArray:
-        """gamma(u, v) d_w(f)(u, v)."""
+        """Compute gamma(u, v) d_w(f)(u, v)."""
         flow: FloatArray = (self.w if self.own is None else self.own) * d
         return flow
 
@@ -79,7 +79,7 @@ class Edges:
 
     @property
     def present(self) -> Any:
-        """Whether there is an edge at all."""
+        """Whether there is an edge."""
         return self.w > 0 if self.own is None else (self.own > 0) | (self.other > 0)
 
 
@@ -87,7 +87,7 @@ Terms = Callable[[Any, Any, Edges], tuple[FloatArray, ...]]
 
 
 def conductance_of(g: Conductance, u: Any, v: Any, edges: Edges) -> Any:
-    """The conductance of edges whose ends have the functions `u` and `v`: f, then g where there is one."""
+    """Compute the conductance of edges; `u` and `v` are [f], or [f, g], at their ends."""
     if isinstance(g, Smoothness):
         square = edges.squared(edges.difference(u[0], v[0]))
         if g.coupled:
@@ -97,7 +97,7 @@ def conductance_of(g: Conductance, u: Any, v: Any, edges: Edges) -> Any:
 
 
 class NumpyGraph(Backend):
-    """Graphs and functions in numpy arrays, and sums over neighbours."""
+    """Graphs and functions in numpy arrays, and sums over the neighbours."""
 
     name = "numpy"
 
@@ -145,12 +145,12 @@ class NumpyGraph(Backend):
         return graph.n_edges * self.dtype.itemsize
 
     def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
-        # sums, terms and what they are made of, over the vertices or over a block of edges
+        # sums, terms and their factors, on the vertices or on a block of edges
         rows = graph.n_vertices if isinstance(graph, GridGraph) else graph.n_vertices + 2 * _BLOCK
         return (6 * channels + 8) * rows * self.dtype.itemsize
 
     def _along(self, weighted: Weighted, h: int) -> tuple[Edges, Edges]:
-        """The edges of a grid along forward offset h, from their start and back."""
+        """Return the edges of a grid along forward offset h, in both directions."""
         graph, weights = weighted.graph, weighted.weights
         assert isinstance(graph, GridGraph)
         start, end = graph.ends(graph.forward_offsets[h])
@@ -162,7 +162,7 @@ class NumpyGraph(Backend):
         return Edges(None, own, other), Edges(None, other, own)
 
     def _of_rows(self, weighted: Weighted, edges: slice, opposite: IntArray | None) -> Edges:
-        """The edges of a stored graph in this range."""
+        """Return the edges of a stored graph in this range."""
         weights = weighted.weights
         if weighted.directed:
             assert opposite is not None
@@ -172,10 +172,10 @@ class NumpyGraph(Backend):
     def _gather(
         self, weighted: Weighted, channels: tuple[int, ...], terms: Terms, functions: tuple[FloatArray, ...]
     ) -> tuple[FloatArray, ...]:
-        """Sums over the neighbours: ``terms(at_u, at_v, edges)`` gives, per edge (u, v), what is added at u.
+        """Sum terms over the neighbours; return one array (n, c) per number c in `channels`.
 
-        `at_u` and `at_v` are the functions at either end, with the channel last; one array per number in `channels`
-        comes back, (n, channels).
+        ``terms(at_u, at_v, edges)`` computes the terms at u per edge (u, v), from the functions at both ends, with the
+        channels on the last axis.
         """
         graph = weighted.graph
         sums = tuple(np.zeros((graph.n_vertices, c), self.dtype) for c in channels)
@@ -207,7 +207,7 @@ class NumpyGraph(Backend):
 
     @staticmethod
     def _row_blocks(indptr: IntArray) -> Iterator[tuple[slice, slice]]:
-        """Blocks of rows that hold about _BLOCK edges, with the range of these edges."""
+        """Yield blocks of rows with about _BLOCK edges, and the range of these edges."""
         n, begin = len(indptr) - 1, 0
         while begin < n:
             end = int(np.searchsorted(indptr, indptr[begin] + _BLOCK, side="right")) - 1
@@ -216,13 +216,13 @@ class NumpyGraph(Backend):
             begin = end
 
     def _column(self, number: float | Array, n: int) -> FloatArray:
-        """A number or a function as one value per vertex, (n, 1)."""
+        """Broadcast a number or a function to one value per vertex, (n, 1)."""
         return np.broadcast_to(np.asarray(number, self.dtype).reshape(-1, 1), (n, 1))
 
     def _squared_gradient(
         self, weighted: Weighted, f: FloatArray, coupled: bool, eps2: Any, edge_power: float | None = None
     ) -> FloatArray:
-        """|grad f|^2 + eps^2, or the sum of (d^2 + eps^2)^edge_power over the edges that are there."""
+        """Compute |grad f|^2 + eps^2, or the sum of (d^2 + eps^2)^edge_power over the present edges."""
 
         def terms(u: Any, v: Any, edges: Edges) -> tuple[FloatArray]:
             square = edges.squared(edges.difference(u[0], v[0]))
@@ -236,7 +236,7 @@ class NumpyGraph(Backend):
         return total + eps2 if edge_power is None else total
 
     def _flow(self, weighted: Weighted, f: Array, g: Conductance) -> FloatArray:
-        """The p-Laplacian with the opposite sign."""
+        """Compute the negative p-Laplacian."""
 
         def terms(u: Any, v: Any, edges: Edges) -> tuple[FloatArray]:
             return (conductance_of(g, u, v, edges) * edges.flow(edges.difference(u[0], v[0])),)

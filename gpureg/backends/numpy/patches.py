@@ -18,7 +18,7 @@ class NumpyPatches(NumpyGraph):
     """Weights computed from patches."""
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
-        # the padded function, a copy, a difference and its square; distances and sums of slabs on the way
+        # the padded function, a copy, a difference and its square; distances and intermediate sums
         cells = math.prod(padded_shape(graph, radius)) * self.dtype.itemsize
         return (cells * channels,) * 4 + (cells,) * 4
 
@@ -26,7 +26,7 @@ class NumpyPatches(NumpyGraph):
         expect_storage(graph, form, storage)
         weighted = self._patch_distance(graph, f, form)
         if storage == "half":
-            # held as wide as all else: the oracle of what float16 leaves of them
+            # rounded to float16, but stored in the backend's dtype
             return Weighted(graph, None, weighted.weights.astype(np.float16).astype(self.dtype), storage=storage)
         return weighted
 
@@ -67,7 +67,7 @@ class NumpyPatches(NumpyGraph):
         return Weighted(graph, None, weights)
 
     def _similarity(self, rho: FloatArray, form: PatchForm, spatial: Any, *maps: FloatArray) -> FloatArray:
-        """What the weights make of distances; `maps` are those of either end."""
+        """Compute weights from distances; `maps` are those of both ends."""
         if form.scale is None:
             return rho
         kept = rho - form.shift

@@ -1,6 +1,6 @@
-"""The oracle: the primitives in numpy, float64 by default, in bounded memory.
+"""The primitives in numpy, in bounded memory: the reference for the devices.
 
-``tests/paper.py`` holds it against the equations as literal loops.
+``tests/paper.py`` checks them against loops that follow the equations.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TIER = 4
 
 
 def devices() -> list[Device]:
-    """The one device numpy has."""
+    """Return the one device of numpy."""
     try:
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -153,5 +153,5 @@ class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:
-    """The backend on this device."""
+    """Make the backend on this device."""
     return NumpyBackend(device, dtype)

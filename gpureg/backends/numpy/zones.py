@@ -1,4 +1,4 @@
-"""Partitions in numpy, by scipy's Dijkstra: the oracle of the devices."""
+"""Partitions by Dijkstra's algorithm from scipy: the reference for the devices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..zones import Distances, Labels, Lengths, Zones
 
 
 def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Lengths]:
-    """Both ends and the length of every directed edge that a path can go along."""
+    """Return start, end and length of the directed edges that paths can use, (edges,) each."""
     if isinstance(graph, Graph):
         there = lengths >= 0
         return graph.edge_rows()[there], graph.indices[there].astype(np.int64), lengths[there]
@@ -32,7 +32,7 @@ def _directed(graph: AnyGraph, lengths: Lengths) -> tuple[IntArray, IntArray, Le
 def _matrix(n: int, u: IntArray, v: IntArray, values: npt.NDArray[Any]) -> Any:
     from scipy import sparse
 
-    # explicit zeros stay, as edges of length 0: the graph has no edge twice, nothing is added up
+    # explicit zeros remain, as edges of length 0; no edge occurs twice, so none are summed
     return sparse.coo_array((values, (u, v)), shape=(n, n)).tocsr()
 
 
@@ -50,13 +50,13 @@ class NumpyZones(Zones):
             return np.full(n, -1), labels
         labels[first] = sources[first]
         mu = dijkstra(_matrix(n, u, v, length.astype(np.float64)), indices=first, min_only=True)
-        # the edges that shortest paths go along, and how many of these lead to a vertex
+        # the edges of shortest paths, and the smallest number of them from a source to each vertex
         tight = np.isfinite(mu[u]) & (mu[u] + length == mu[v])
         u, v = u[tight], v[tight]
         edges = dijkstra(_matrix(n, u, v, np.ones(len(u))), indices=first, min_only=True, unweighted=True)
         fewest = edges[u] + 1 == edges[v]
         u, v = u[fewest], v[fewest]
-        # A vertex takes the smallest label of those one edge nearer, which have theirs by then.
+        # A vertex takes the smallest label of its predecessors, which already have their labels.
         order = np.argsort(edges[v], kind="stable")
         u, v = u[order], v[order]
         ends = np.searchsorted(edges[v], np.arange(1, int(edges[v].max(initial=0)) + 2))

@@ -1,4 +1,4 @@
-"""Graphs, and functions and weights on them, in OpenCL buffers."""
+"""Graphs, functions and weights in OpenCL buffers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .queue import HostBuffer, queue
 
-# Bytes from which numpy asks for huge pages, and of an ordinary page.
+# Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
 
-# Where in a page the buffers of a kernel begin: all at its start would share the sets of a cache.
+# Offsets of buffers in a page: buffers that all begin at the start of a page would share the sets of a cache.
 _STAGGER = itertools.cycle(range(0, 1 << 12, 5 << 7))
 
-# Work items of a group: on a GPU; on a stored graph on a CPU, and on one of so many vertices.
+# Work items of a group: on a GPU; on a CPU for a stored graph, and for one with at least _CSR_LARGE vertices.
 _GPU_GROUP, _CSR_CPU_GROUP, _CSR_LARGE_GROUP, _CSR_LARGE = 64, 128, 2048, 1 << 18
 
 
@@ -43,7 +43,7 @@ class Function:
 
 @dataclass(frozen=True, eq=False)
 class Recomputed:
-    """What weights that are not stored are computed from: a function of `channels`, with the mask as one more."""
+    """The data to recompute weights from: a function of `channels` channels, and the mask as one more channel."""
 
     compared: cl.Buffer
     nearness: cl.Buffer  # (H,): spatial factors
@@ -54,12 +54,12 @@ class Recomputed:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Build options of the kernels that compute them."""
+        """Build options of the kernels that recompute the weights."""
         return ("-DRECOMPUTED", f"-DQ={self.channels}", *(("-DMASKED_WEIGHTS",) if self.masked else ()))
 
 
 class OpenCLBuffers(Backend):
-    """Graphs, and functions and weights on them, on an OpenCL device."""
+    """Graphs, functions and weights on an OpenCL device."""
 
     name = "opencl"
 
@@ -81,7 +81,7 @@ class OpenCLBuffers(Backend):
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:
-            # The driver's threads stayed in the parent: a wait here would have no end.
+            # The driver's threads are in the parent process: a wait here would never end.
             raise BackendUnavailable(
                 "OpenCL does not survive a fork: start processes by spawn (multiprocessing.set_start_method), "
                 "or use backend='numpy' in them"
@@ -93,8 +93,8 @@ class OpenCLBuffers(Backend):
                 "at most: use a smaller window, or another backend"
             )
         if self.device.kind == "cpu" and nbytes >= _HUGE:
-            # A CPU's memory is ours: numpy asks the system for huge pages, a driver does not, and to touch 150 MB of
-            # small ones for the first time takes three times as long as to compute weights into them.
+            # On a CPU we can allocate: numpy asks the system for huge pages, a driver does not. The first access to
+            # 150 MB of small pages takes three times as long as computing weights there.
             host = np.empty(nbytes + 2 * _PAGE, np.uint8)
             begin = -host.ctypes.data % _PAGE + next(_STAGGER)
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
@@ -104,7 +104,7 @@ class OpenCLBuffers(Backend):
         return cl.Buffer(self._shared.context, cl.mem_flags.READ_WRITE, max(nbytes, self.dtype.itemsize))
 
     def upload(self, host: npt.NDArray[Any]) -> cl.Buffer:
-        """A host array as a device buffer."""
+        """Copy a host array to a device buffer."""
         host = np.ascontiguousarray(host)
         buffer = self._allocate(host.nbytes)
         if host.nbytes:
@@ -118,7 +118,7 @@ class OpenCLBuffers(Backend):
         return buffer
 
     def _between_zeros(self, size: int, guard: int, itemsize: int) -> cl.Buffer:
-        """A buffer of which only so many numbers at either end are 0: for what a kernel fills wholly."""
+        """Allocate a buffer with `guard` zeros at each end; a kernel writes all the rest."""
         buffer = self._allocate(size * itemsize)
         nbytes, edge = max(size, 1) * itemsize, guard * itemsize
         for begin in (0, nbytes - edge) if edge else ():
@@ -126,9 +126,9 @@ class OpenCLBuffers(Backend):
         return buffer
 
     def _scratch(self, size: int) -> cl.Buffer:
-        """A buffer of at least so many numbers, of any content, for the work queued next.
+        """Return a scratch buffer of at least `size` numbers, with any content.
 
-        It is kept from one call to another: the queue does one thing after the other.
+        All calls share it: the queue runs their work in order.
         """
         if self._scratch_memory is None or self._scratch_memory.size < size * self.dtype.itemsize:
             self._scratch_memory = self._allocate(size * self.dtype.itemsize)
@@ -211,7 +211,7 @@ class OpenCLBuffers(Backend):
         return Function(self._zeros(self._geometry(graph).edge_size(channels)), channels)
 
     def _geometry(self, graph: AnyGraph) -> CsrGeometry | GridGeometry:
-        """The sizes of a graph's buffers: numbers alone, nothing happens on the device."""
+        """Compute the sizes of a graph's buffers, without the device."""
         found = self._geometries.get(graph)
         if found is None:
             found = (

@@ -17,21 +17,21 @@ _PROX: dict[ProxCase, int] = {"newton": 0, "ball": 1, "square": 2, "power": 3}
 
 
 def _norms(channels: int, model: Smoothness) -> tuple[str, ...]:
-    """Build options of a kernel that takes norms."""
+    """Return the build options of a kernel that computes norms."""
     prox = _PROX[prox_case(model.p, model.eps)]
     options = (f"-DM={channels}", f"-DG={model.norms(channels)}", f"-DPROX={prox}")
     return (*options, "-DEDGE_NORM") if model.edge else options
 
 
 class OpenCLDuality(OpenCLLaunches):
-    """What the certified solvers ask of a device."""
+    """The primitives of the certified solvers."""
 
     def _bare(self, graph: AnyGraph) -> Weighted:
-        """The graph for a kernel that reads no weights."""
+        """Return the graph without weights, for a kernel that does not read them."""
         return Weighted(graph, self._topology(graph), None)
 
     def _over(self, over: float | Array) -> tuple[list[Any], tuple[str, ...]]:
-        """The arguments OVER_ARGS."""
+        """Return the kernel arguments OVER_ARGS, and the build options."""
         return self._number(over, f"-DOVER={over.channels}" if isinstance(over, Function) else "")
 
     def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:

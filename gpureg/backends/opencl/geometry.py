@@ -1,4 +1,4 @@
-"""How functions and weights lie in OpenCL buffers, as numbers alone: nothing here is on a device."""
+"""Sizes and strides of functions and weights in OpenCL buffers, computed without a device."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 
 from ...graphs.grid import GridGraph, row_major
 
-# Offsets of the largest window that is compiled in and unrolled: every such window is a build of its own.
+# Offsets of the largest window that is compiled in and unrolled; each window needs its own build.
 SMALL_WINDOW = 8
 
 CACHE_LINE = 64
 
-# Bytes that a block of a fused sweep may have in use at a time, and its rows for each row of halo.
+# Bytes in use at a time by a block of a fused sweep, and its rows per row of halo.
 WORKING_SET = 6 << 20
 HALO = 32
 
-# Columns of a block through a wide window: its weights are read in stretches as long as this.
+# Columns of a block with a wide window: its weights are read in stretches of this length.
 WIDE_STRETCH = 1024
 
 
 def round_up(value: int, multiple: int) -> int:
-    """The smallest multiple that is not below the value."""
+    """Round a value up to a multiple."""
     return -(-value // multiple) * multiple
 
 
@@ -34,20 +34,20 @@ class Geometry(ABC):
 
     @abstractmethod
     def size(self, channels: int) -> int:
-        """Numbers in a function of so many channels."""
+        """Return the size of a function of `channels` channels, in numbers."""
 
     @abstractmethod
     def weight_size(self) -> int:
-        """Numbers in the weights' buffer."""
+        """Return the size of the weights, in numbers."""
 
     @abstractmethod
     def edge_size(self, channels: int) -> int:
-        """Numbers in a function of so many channels on the directed edges."""
+        """Return the size of a function on the directed edges, in numbers."""
 
 
 @dataclass(frozen=True)
 class CsrGeometry(Geometry):
-    """A stored graph: its vertices, and its directed edges."""
+    """The sizes of a stored graph: its numbers of vertices and of directed edges."""
 
     n: int
     n_edges: int
@@ -64,9 +64,9 @@ class CsrGeometry(Geometry):
 
 @dataclass(frozen=True)
 class Blocks:
-    """How ``sweep.cl`` cuts a grid: `count` blocks along both axes, of `band` rows and `stretch` columns each.
+    """The blocks of ``sweep.cl``: `count` along each axis, of `band` rows and `stretch` columns.
 
-    A block's ring has `slots` rows of the grid, numbers of `ring_pitch` in a row of one function, `ring_size` in all.
+    The ring of a block has `slots` rows, `ring_pitch` numbers per row of one function, `ring_size` numbers in total.
     """
 
     band: int
@@ -79,18 +79,18 @@ class Blocks:
 
 @dataclass(frozen=True)
 class GridGeometry(Geometry):
-    """An implicit grid: the layout that ``grid.cl`` describes.
+    """An implicit grid, in the layout of ``grid.cl``.
 
     Attributes
     ----------
     shape : tuple of int
-        Of the grid, (ndim,).
+        The shape of the grid.
     half_window : int
-        Forward offsets, H.
+        Number of forward offsets, H.
     reach : int
-        Cells of a row from one to its farthest neighbour.
+        Largest offset along the last axis, in cells.
     jump : int
-        Rows from a cell to its farthest neighbour.
+        Largest offset in rows.
     lanes : int
         Numbers in a pack, N.
     itemsize : int
@@ -106,7 +106,7 @@ class GridGeometry(Geometry):
 
     @classmethod
     def of(cls, graph: GridGraph, lanes: int, itemsize: int) -> GridGeometry:
-        """The geometry of a grid graph."""
+        """Make the geometry of a grid graph."""
         columns, rows = graph.offsets[:, -1], graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
         reach, jump = (int(np.abs(steps).max(initial=0)) for steps in (columns, rows))
         return cls(graph.shape, graph.half_window, reach, jump, lanes, itemsize)
@@ -118,7 +118,7 @@ class GridGeometry(Geometry):
 
     @cached_property
     def rows(self) -> int:
-        """Rows of the grid, along all its axes but the last."""
+        """Number of rows: the product of all axes but the last."""
         return math.prod(self.shape[:-1])
 
     @cached_property
@@ -133,7 +133,7 @@ class GridGeometry(Geometry):
 
     @cached_property
     def plane(self) -> int:
-        """Numbers of one channel of a function."""
+        """Numbers in one channel of a function."""
         return 2 * self.guard + self.rows * self.pitch
 
     @cached_property
@@ -153,7 +153,7 @@ class GridGeometry(Geometry):
 
     @property
     def wide(self) -> bool:
-        """Whether a fused sweep goes through a window that is too large to be compiled in, as ``sweep.cl`` has it."""
+        """Whether a fused sweep uses ``sweep_wide.cl``, for windows that are not compiled in."""
         return len(self.shape) <= 2 and not self.compiled_in
 
     def size(self, channels: int) -> int:
@@ -166,19 +166,19 @@ class GridGeometry(Geometry):
         return self.weight_guard + self.rows * 2 * self.half_window * channels * self.weight_pitch + self.weight_guard
 
     def spread(self, cells: int) -> int:
-        """Numbers from one row of `cells` in whole packs to the next: an odd number of cache lines.
+        """Return the pitch of rows of `cells` cells: whole packs, and not an even number of cache lines.
 
-        With 1024 numbers all rows would begin in the same set of a cache, and more than 8 push each other out.
+        With a pitch of 1024 all rows would begin in the same set of a cache, which has room for about 8.
         """
         packs, line = round_up(cells, self.lanes), CACHE_LINE // self.itemsize
         return packs + line if packs % (2 * line) == 0 else packs
 
     def blocks(self, channels: int, norms: int, weighted: bool, cores: int, *, wide: bool | None = None) -> Blocks:
-        """Blocks for a fused sweep on so many cores; `wide` as ``sweep.cl`` has it, None where the window decides."""
+        """Compute the blocks of a fused sweep on `cores` cores; `wide` is :attr:`wide` by default."""
         wide = self.wide if wide is None else wide
         margin = round_up(self.reach, self.lanes)
         slots, row = (self.jump + 1, 3 * norms + channels) if wide else (2 * self.jump + 1, norms)
-        # what a core has in use at a time, in bytes per column: its rows of the ring, f and the weights
+        # bytes in use at a time per column of a block: its rows of the ring, f and the weights
         column = self.itemsize * (2 * self.jump + 1) * (norms + channels + (self.half_window if weighted else 0))
         stretch = WIDE_STRETCH if wide else round_up(max(WORKING_SET // column, 16 * margin), self.lanes)
         across = -(-self.W // stretch)

@@ -1,7 +1,6 @@
-"""Launches of OpenCL kernels over a graph. Nothing here knows a primitive.
+"""Launches of OpenCL kernels over a graph, for all primitives.
 
-Programs are built once per device, primitive and set of build options, and cached; pyopencl caches the binaries on
-disk.
+Programs are built once per device, primitive and build options, and cached; pyopencl caches the binaries on disk.
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ class OpenCLLaunches(OpenCLBuffers):
     """Launches of kernels over a graph."""
 
     def _kernel(self, primitive: str, options: tuple[str, ...], args: list[Any]) -> cl.Kernel:
-        """The kernel with these build options, which takes arguments such as these."""
+        """Return the kernel with these build options and with the types of these arguments; cached."""
         key = (primitive, self._options + options)
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
             program = cl.Program(self._shared.context, source).build(options=list(key[1]))
             found = self._shared.kernels[key] = program.all_kernels()[0]
-            # Not told their types, pyopencl tries what each scalar might be: 0.15 ms a launch instead of 0.02.
+            # Without the types, pyopencl guesses that of each scalar: 0.15 ms per launch instead of 0.02.
             found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
         return found
 
@@ -56,9 +55,9 @@ class OpenCLLaunches(OpenCLBuffers):
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
-        Work groups have a size of ours where a driver, left to choose, would take groups of 1 for a prime number of
-        work items: on a GPU, and on a stored graph. A kernel that numbers its work items by their count (a sum on a
-        grid) asks for an `exact` size, which is then left to the driver.
+        On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
+        would choose groups of 1 for a prime number of work items. With `exact` (a sum on a grid, whose kernel uses the
+        number of work items) it is not rounded, and the driver chooses.
         """
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
@@ -85,7 +84,7 @@ class OpenCLLaunches(OpenCLBuffers):
     def _launch_strips(
         self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
     ) -> None:
-        """Run a kernel over blocks of cells: on a CPU a group is one of them."""
+        """Run a kernel over blocks of cells; on a CPU a group is one block."""
         local = (1, 1)
         if strips.gpu:
             local = (min(64, self.device.handle.max_work_group_size), 1)
@@ -97,7 +96,7 @@ class OpenCLLaunches(OpenCLBuffers):
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
-        """A number, or one value per vertex, as the two arguments that stand for it."""
+        """Return the two kernel arguments for a number or a function, and the build options."""
         if isinstance(x, Function):
             return [x.buffer, self.real(0)], (option,)
         return [self._nothing, self.real(x)], ()
@@ -106,7 +105,7 @@ class OpenCLLaunches(OpenCLBuffers):
         return self._number(lam, "-DLAM_ARRAY")
 
     def _g(self, g: Conductance, channels: int) -> tuple[list[Any], tuple[str, ...]]:
-        """The arguments CONDUCTANCE_ARGS."""
+        """Return the kernel arguments CONDUCTANCE_ARGS, and the build options."""
         if isinstance(g, Smoothness):
             options = ("-DEDGE_NORM", f"-DG={g.norms(channels)}")
             return [self._nothing, self.real(g.power), self.real(g.eps) ** 2], options
@@ -117,11 +116,11 @@ class OpenCLLaunches(OpenCLBuffers):
     def _partial(
         self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
     ) -> Any:
-        """One number per segment of the graph."""
+        """Compute one number per segment of the graph, (count,)."""
         layout = weighted.topology
         count = round_up(math.prod(layout.segments), layout.group or 1)
         out = self._allocate(count * np.dtype(dtype).itemsize)
-        # A few segments to a group: PoCL, left to choose, makes a row of them one group, which keeps one core busy.
+        # A few segments per group: by default PoCL makes one group of a whole row, which uses only one core.
         local = layout.sum_group if self.device.kind == "cpu" else None
         args = [np.int64(layout.segment), *args, out]
         self._run(primitive, weighted, args, options, layout.segments, exact=True, local=local)

@@ -1,4 +1,4 @@
-"""How functions and weights lie in OpenCL buffers: what ``csr.cl`` and ``grid.cl`` expect."""
+"""The layouts of functions and weights in OpenCL buffers, as in ``csr.cl`` and ``grid.cl``."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .geometry import Blocks, CsrGeometry, Geometry, GridGeometry
 Buffer = Any
 Upload = Callable[[npt.NDArray[Any]], Buffer]
 
-# Segments of a long sum: enough to fill a GPU, few enough for the host to add.
+# Segments of a long sum: enough to use a whole device, few enough for the host to add.
 SEGMENTS = 4096
 
 
 def window_runs(offsets: IntArray) -> IntArray:
-    """Runs of offsets next to each other on one row, (runs, 3): number of the first, its last coordinate, how many.
+    """Find runs of adjacent offsets on one row, (runs, 3): index of the first, its last coordinate, and their number.
 
-    No run goes from the backward half to the forward half: the vertex itself lies between them.
+    No run contains both backward and forward offsets: the vertex itself lies between them.
     """
     if not len(offsets):
         return np.empty((0, 3), np.int64)
@@ -38,7 +38,7 @@ def window_runs(offsets: IntArray) -> IntArray:
 
 
 class Layout(ABC):
-    """A graph on the device, and the way between host arrays and flat buffers.
+    """A graph on the device, and the conversion between host arrays and flat buffers.
 
     Attributes
     ----------
@@ -47,16 +47,17 @@ class Layout(ABC):
     options : tuple of str
         Build options that choose ``csr.cl`` or ``grid.cl``.
     width : int
-        Vertices a work item treats.
+        Vertices per work item.
     global_size, segments : tuple of int
-        Work items of a kernel, one per pack of vertices; of a sum, one per segment of `segment` packs.
+        Work items of a kernel, one per pack of vertices; of a sum, one per segment.
+    segment : int
+        Packs of a segment.
     group : int or None
-        Work items of a group, to a multiple of which their number may be rounded up, that of a sum too; None where it
-        must not be rounded.
+        Work items of a group; the number of work items is rounded up to a multiple, also for a sum. None: no rounding.
     sum_group : tuple of int or None
-        Work items of a group of a sum on a CPU, whose number is not rounded; None where the driver chooses.
+        Work items of a group of a sum on a CPU, without rounding; None: the driver chooses.
     copies : DeviceCopies
-        Weights that are on the device already.
+        The cache of weights on the device.
     """
 
     geometry: Geometry
@@ -73,31 +74,31 @@ class Layout(ABC):
 
     @abstractmethod
     def pack(self, f: FloatArray) -> FloatArray:
-        """A host function (n, channels) as the flat buffer holds it."""
+        """Convert a host function (n, channels) to its flat buffer."""
 
     @abstractmethod
     def unpack(self, flat: FloatArray, channels: int) -> FloatArray:
-        """The way back."""
+        """Convert a flat buffer to a host function (n, channels)."""
 
     @abstractmethod
     def pack_weights(self, weights: FloatArray) -> FloatArray:
-        """Host weights as the flat buffer holds them."""
+        """Convert host weights to their flat buffer."""
 
     @abstractmethod
     def unpack_weights(self, flat: FloatArray) -> FloatArray:
-        """The way back."""
+        """Convert a flat buffer to host weights."""
 
     @abstractmethod
     def pack_edges(self, values: FloatArray) -> FloatArray:
-        """A host function on the directed edges as the flat buffer holds it."""
+        """Convert a host function on the directed edges to its flat buffer."""
 
     @abstractmethod
     def unpack_edges(self, flat: FloatArray, channels: int) -> FloatArray:
-        """The way back."""
+        """Convert a flat buffer to a host function on the directed edges."""
 
     @abstractmethod
     def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
-        """The kernel arguments GRAPH_ARGS; `mirrored` where the kernel reads the opposite of an edge."""
+        """Return the kernel arguments GRAPH_ARGS; `mirrored` if the kernel reads the opposite of an edge."""
 
 
 class CsrLayout(Layout):
@@ -112,7 +113,7 @@ class CsrLayout(Layout):
         self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
         self.indptr = upload(graph.indptr)
         self.indices = upload(graph.indices)
-        # Made when it is first needed. The arrays, not the graph: the layouts live as long as their graph.
+        # For the mirror, made at first use. A reference to the graph would keep it in the weak cache of layouts.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Buffer = None
         self.segment = max(1, -(-geometry.n // SEGMENTS))
@@ -144,11 +145,11 @@ class CsrLayout(Layout):
 
 
 class GridLayout(Layout):
-    """An implicit grid on the device: the layout that ``grid.cl`` describes."""
+    """An implicit grid on the device, in the layout of ``grid.cl``."""
 
     def __init__(self, upload: Upload, graph: GridGraph, geometry: GridGeometry) -> None:
         super().__init__()
-        # no reference to the graph: the layouts live as long as it does
+        # no reference to the graph, which would keep it in the weak cache of layouts
         self.geometry: GridGeometry = geometry
         self.width = N = geometry.lanes
         offsets = graph.offsets
@@ -171,7 +172,7 @@ class GridLayout(Layout):
         self.global_size = (packs, rows)
 
     def rings(self, blocks: Blocks, allocate: Callable[[int], Buffer]) -> Buffer:
-        """Scratch memory for these blocks, which the next sweep uses again."""
+        """Return scratch memory for these blocks; it is reused by the next sweep."""
         nbytes = math.prod(blocks.count) * blocks.ring_size * self.geometry.itemsize
         if self._rings is None or self._rings.size < nbytes:
             self._rings = allocate(nbytes)

@@ -35,7 +35,7 @@ class OpenCLPatches(OpenCLLaunches):
         return self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
 
     def _plane_bytes(self, strips: Strips, channels: int) -> tuple[int, ...]:
-        """Padded planes of so many channels, and the mask's."""
+        """Return the bytes of the padded planes of all channels, and of the mask."""
         plane = strips.plane * self.dtype.itemsize
         return (channels * plane, *(() if strips.graph.mask is None else (plane,)))
 

@@ -23,10 +23,10 @@ GPU_TIER, CPU_TIER = 1, 2
 
 
 def devices() -> list[Device]:
-    """All OpenCL devices, GPUs first; among CPUs the newest driver first."""
+    """List all OpenCL devices; rank prefers GPUs, and among CPUs the newest driver."""
     try:
         platforms = cl.get_platforms()
-    except cl.Error:  # no driver at all
+    except cl.Error:  # no driver
         return []
     found = []
     for platform in platforms:
@@ -51,7 +51,7 @@ def devices() -> list[Device]:
                 memory=memory,
                 vector_width=vector_width(device),
                 float64=bool(device.double_fp_config),
-                # the larger GPU first, then the newer driver
+                # the GPU with more memory first, then the newer driver
                 rank=(GPU_TIER if gpu else CPU_TIER, -memory if gpu else 0, -version[0], -version[1], i),
                 handle=device,
             )
@@ -176,7 +176,7 @@ class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:
-    """The backend on this device."""
+    """Make the backend on this device."""
     if np.dtype(dtype) == np.float64 and not device.float64:
         raise BackendUnavailable(f"{device.id} ({device.name}) does not compute in float64; use dtype float32")
     return OpenCLBackend(device, dtype)

@@ -1,4 +1,4 @@
-"""What all work on one OpenCL device shares: context, queue, kernels, and the memory that work still uses."""
+"""The context, the queue, the kernels and the memory in use of one OpenCL device."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
 
 
 def vector_width(device: cl.Device) -> int:
-    """float32 values a grid kernel treats at a time: 1 on a GPU, the native vector on a CPU.
+    """Return the float32 values that a grid kernel computes at a time: 1 on a GPU, the native vector on a CPU.
 
-    PoCL 3.0 (LLVM 14) reports 16 and then dies on float16 code, so it gets 8.
+    PoCL 3.0 (LLVM 14) reports 16 but crashes on code with float16, so the maximum is 8 there.
     """
     if device.type & cl.device_type.GPU:
         return 1
@@ -35,37 +35,37 @@ def vector_width(device: cl.Device) -> int:
 
 
 class HostBuffer(cl.Buffer):  # type: ignore[misc]
-    """A buffer in memory of the host; a class of its own, so that its end can be seen."""
+    """A buffer in host memory; a subclass, as weakref.finalize needs one."""
 
 
 @dataclass(frozen=True)
 class Queue:
-    """What all work on one device shares: context, queue, and the kernels built so far."""
+    """The context and queue of a device, and the kernels built so far."""
 
     context: cl.Context
     queue: cl.CommandQueue
     kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
-    lock: threading.RLock  # a kernel object holds its arguments: one caller at a time
+    lock: threading.RLock  # a kernel object stores its arguments: one caller at a time
     process: int
-    # Host memory of buffers that are no more: what was queued may still use it, until a wait is over.
+    # Host memory of deleted buffers: queued work may still use it, until the next wait is over.
     leaving: deque[npt.NDArray[np.uint8]]
 
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
-        """Around a call that waits for all that was queued before it."""
+        """Free the host memory of deleted buffers after a call that waits for all queued work."""
         gone = []
         with contextlib.suppress(IndexError):
             while True:
                 gone.append(self.leaving.popleft())
         try:
             yield
-        except BaseException:  # it may not have waited
+        except BaseException:  # the call may not have waited
             self.leaving.extend(gone)
             raise
 
 
 @functools.cache
 def queue(device: cl.Device) -> Queue:
-    """The one of this device."""
+    """Return the shared queue of this device."""
     context = cl.Context([device])
     return Queue(context, cl.CommandQueue(context), {}, threading.RLock(), os.getpid(), deque())

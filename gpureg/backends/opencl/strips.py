@@ -1,4 +1,4 @@
-"""How data lie for the OpenCL kernels over blocks of a grid's cells: what ``strip.cl`` expects."""
+"""The layout of data for the OpenCL kernels over blocks of grid cells, as in ``strip.cl``."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from ..patches import PatchForm, patch_jumps, reflected
 from .geometry import round_up
 from .layout import Upload
 
-# On a CPU, rows of a block, and packs of its rows where it has two sums per cell, fewer where it has more: the sums of
-# a work item fit the second cache. A part that begins at multiples of both is cut into blocks of the whole.
+# On a CPU, rows of a block, and packs of a row with two sums per cell, or fewer packs with more sums: the sums of a
+# work item fit the L2 cache. A part of a grid that begins at multiples of both has the blocks of the whole grid.
 ROWS, PACKS = 32, 8
-# On a GPU, rows that one thread goes down.
+# On a GPU, rows per work item.
 _GPU_ROWS = 8
 
-# Bytes of the slots in which weights computed once for both their ends leave their sums: they stay in the last cache.
+# Bytes of all slots, the scratch memory for the sums of both ends of an edge: they fit the last-level cache.
 _SLOT_BYTES = 1 << 25
 
-# A row as long as this, or a multiple, puts neighbouring rows in the same places of a cache.
+# With a row length of a multiple of this, neighbouring rows would share the sets of a cache.
 _ALIASING_BYTES = 1 << 12
 
 
 @dataclass(frozen=True)
 class Slots:
-    """The slots of a step whose weights are computed once for both ends, and the launches that share them.
+    """The slots of a step that computes a weight once for both ends of the edge, and its launches.
 
     Attributes
     ----------
     reach : int
         Rows from a cell to its farthest neighbour.
     side : int
-        Cells of a slot's row on either side of the block.
+        Cells on each side of the block in a row of a slot.
     blocks, strips : int
-        Blocks of a strip; strips.
+        Blocks per strip; number of strips.
     size : int
         Numbers in a slot.
     at_once : int
-        Strips of one launch.
+        Strips per launch.
     ring : int
-        Strips that there are slots for: those of a launch and those above that reach into them.
+        Strips that have slots: those of a launch and those above that reach into them.
     """
 
     reach: int
@@ -59,7 +59,7 @@ class Slots:
 
 @dataclass(frozen=True)
 class Strips:
-    """A grid cut into blocks of S rows of B packs of N cells, for patches of one form.
+    """A grid, cut into blocks of S rows of B packs of N cells, for patches of one form.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Strips:
         Bytes of a number.
     gpu : bool
     sums : int
-        Sums that a work item has per cell.
+        Sums per cell in a work item.
     """
 
     graph: GridGraph
@@ -83,12 +83,12 @@ class Strips:
 
     @property
     def rows(self) -> int:
-        """S."""
+        """Rows of a block, S."""
         return 1 if self.graph.ndim == 1 else _GPU_ROWS if self.gpu else ROWS
 
     @property
     def packs(self) -> int:
-        """B, a power of two."""
+        """Packs in a row of a block, B: a power of two."""
         packs = 1
         while not self.gpu and packs * self.sums < PACKS * 2 and packs < PACKS:
             packs *= 2
@@ -96,14 +96,14 @@ class Strips:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Blocks of a row, and strips."""
+        """Number of blocks of a strip, and of strips."""
         shape = self.graph.shape
         strips = math.prod(shape[:-2]) * -(-(shape[-2] if len(shape) > 1 else 1) // self.rows)
         return -(-shape[-1] // (self.packs * self.lanes)), strips
 
     @property
     def reach(self) -> int:
-        """Cells of a row from one to its farthest neighbour."""
+        """Largest offset along the last axis, in cells."""
         return int(np.abs(self.graph.offsets[:, -1]).max(initial=0))
 
     @property
@@ -125,7 +125,7 @@ class Strips:
         return round_up(self.reach + self.form.average, self.lanes)
 
     def options(self, channels: int) -> tuple[str, ...]:
-        """Build options, for patches that compare so many channels."""
+        """Return the build options for patches of `channels` channels."""
         form = self.form
         options = [f"-DNDIM={self.graph.ndim}", f"-DN={self.lanes}", f"-DS={self.rows}", f"-DB={self.packs}"]
         options += [f"-DR={form.radius}", f"-DQ={channels}"]
@@ -139,14 +139,14 @@ class Strips:
         return tuple(options)
 
     def planes(self, f: FloatArray) -> FloatArray:
-        """A host function (n, channels) as padded planes, in the type it has."""
+        """Copy a host function (n, channels) to padded planes (channels, *padded rows, pitch), padded by reflection."""
         padded = reflected(self.graph, f, self.form.radius)
         planes = np.zeros((*padded.shape[:-1], self.pitch), f.dtype)
         planes[..., self.left : self.left + padded.shape[-1]] = padded
         return planes
 
     def among_zeros(self, f: npt.NDArray[Any], dtype: npt.DTypeLike) -> FloatArray:
-        """A host function (n, channels) as padded planes, 0 around the grid."""
+        """Copy a host function (n, channels) to padded planes as in :meth:`planes`, padded by 0."""
         r = self.form.radius
         cells = np.moveaxis(f.reshape(*self.graph.shape, -1), -1, 0)
         within = np.pad(cells, [(0, 0)] + [(r, r)] * self.graph.ndim)
@@ -155,7 +155,7 @@ class Strips:
         return planes
 
     def offsets(self, pairs: bool) -> tuple[npt.NDArray[np.int32], FloatArray]:
-        """The whole window and its spatial factor, or for `pairs` its forward half, ordered by the last axis."""
+        """Return the window and its spatial factors; for `pairs` the forward half, sorted by the last axis."""
         graph = self.graph
         half = np.ones(graph.half_window) if self.form.spatial is None else self.form.spatial
         if pairs:
@@ -166,10 +166,10 @@ class Strips:
     def args(
         self, upload: Upload, guide: Any, steps: npt.NDArray[np.int32], spatial: FloatArray, real: Any
     ) -> list[Any]:
-        """The kernel arguments STRIP_ARGS, for padded planes `guide` that are on the device."""
+        """Return the kernel arguments STRIP_ARGS; `guide` is padded planes on the device."""
         graph, form, r = self.graph, self.form, self.form.radius
         padded = tuple(s + 2 * r for s in graph.shape[:-1])
-        # The patch along the leading axes of a grid of three axes and more, as steps in padded numbers.
+        # The patch along the leading axes, on three axes or more, as index steps in the padded plane.
         leading = form.window(max(graph.ndim - 2, 0))
         lines = patch_jumps(leading.shape, row_major(padded)[: leading.ndim] * self.pitch)
         scale = 0.0 if form.scale is None else form.scale
@@ -195,7 +195,7 @@ class Strips:
         ]
 
     def slots(self) -> Slots:
-        """The slots of a step over pairs."""
+        """Compute the slots of a step over pairs."""
         blocks, strips = self.size
         reach = int(np.abs(self.graph.offsets[:, 0]).max(initial=0))
         side = round_up(max(self.reach, 1), self.lanes)
@@ -205,5 +205,5 @@ class Strips:
 
 
 def exp2_scale(scale: float, largest: float) -> float:
-    """The factor of a distance in a power of two, within the type: infinity times a distance of 0 is no number."""
+    """Return the factor of a distance in exp2, finite in its type, as infinity times 0 is NaN."""
     return -min(scale * math.log2(math.e), largest)

@@ -30,7 +30,7 @@ class OpenCLZones(OpenCLLaunches, Rounds):
         there = [self._allocate(8 * n), self._allocate(8 * n)]
         changed, heap = self._allocate(4 * items), self._allocate(4 * (1 if gpu else n))
         place = self.upload(np.zeros(1 if gpu else n, np.int32))
-        reach = n  # in the first round; then as far as edges reach
+        reach = n  # all vertices in the first round, then those near other blocks
         with self._shared.lock:
             moved = True
             while moved:
@@ -45,7 +45,7 @@ class OpenCLZones(OpenCLLaunches, Rounds):
         return self._download(here[0], n, np.int64), self._download(here[1], n, np.int64)
 
     def _edges(self, graph: AnyGraph, lengths: Lengths) -> tuple[list[Any], tuple[str, ...], int]:
-        """The arguments EDGES_ARGS, the build options that they ask for, and how far an edge reaches in vertices."""
+        """Return the kernel arguments EDGES_ARGS, the build options, and the largest step of an edge in vertices."""
         if isinstance(graph, GridGraph):
             guard, jumps, padded = guarded(graph, lengths)
             options = ("-DGRID", f"-DH={lengths.shape[1]}")

@@ -16,12 +16,12 @@ from .layout import channels_of
 
 
 def _of(over: float | Array) -> int:
-    """Channels of what is divided by; 0 for a number."""
+    """Return the channels of the divisor; 0 for a number."""
     return channels_of(over) if isinstance(over, wp.array) else 0
 
 
 class WarpDuality(WarpLaunches):
-    """What the certified solvers ask of a device."""
+    """The primitives of the certified solvers."""
 
     def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
         shape = self._layout(graph).shape

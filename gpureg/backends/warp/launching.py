@@ -1,11 +1,11 @@
 """Graphs, functions and launches in NVIDIA Warp.
 
-Kernels are compiled once per device, primitive and set of what is compiled in, and kept; Warp keeps the binaries on
-disk. Functions and weights are laid out as ``grid.py`` and ``csr.py`` say.
+Kernels are compiled once per device, primitive and options, and cached; Warp caches the binaries on disk. Functions
+and weights have the layouts of ``grid.py`` and ``csr.py``.
 
-On the CPU, Warp runs a launch on the thread that asks for it, without Python's lock. A launch of some size is cut into
-pieces here, which the threads of one pool take one after another. No sum crosses a piece, so that the bits do not
-depend on the number of threads.
+On the CPU, Warp runs a launch on the calling thread, without Python's global lock. A large launch is cut into pieces
+here, which a pool of threads takes one by one. No sum crosses a piece, so the bits do not depend on the number of
+threads.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from . import pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
 from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
 
-# Segments of a long sum: enough to fill a GPU, few enough for the host to add.
+# Segments of a long sum: enough to use a whole device, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
 
 
@@ -43,16 +43,16 @@ class WarpLaunches(Backend):
         self.real = wp.float64 if self.dtype == np.float64 else wp.float32
         self._on = device.handle
         self._layouts: weakref.WeakKeyDictionary[AnyGraph, Csr | Grid] = weakref.WeakKeyDictionary()
-        # Launches while they are recorded.
+        # The recorded launches, while recording.
         self._recorded: list[list[Any]] | None = None
 
     # Buffers
 
     def upload(self, values: npt.NDArray[Any], dtype: Any) -> Any:
-        """A copy of a host array on the device, never empty; a vector's numbers are the last axis."""
+        """Copy a host array to the device, never empty; the last axis has the components of vectors."""
         if not values.size:
             values = np.zeros(tuple(max(size, 1) for size in values.shape), values.dtype)
-        # Left to guess, Warp takes one axis too many off an array of ones in every axis.
+        # Without a shape, Warp removes one axis too many from an array of size 1 on every axis.
         shape = values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))]
         return wp.array(np.ascontiguousarray(values), dtype=dtype, shape=shape, device=self._on)
 
@@ -144,7 +144,7 @@ class WarpLaunches(Backend):
         work: int,
         cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
-        """Run the kernel that `make` gives for `options`, over a range of work items that does `work` in all."""
+        """Run the kernel that `make` makes for `options` over `dim` work items; `work` is their work in total."""
         kernel = compiled(self._on.alias, make, *options)
         command = wp.launch(
             kernel,
@@ -157,7 +157,7 @@ class WarpLaunches(Backend):
         commands = [command]
         threads = pool.cores() if self._on.is_cpu else 1
         pieces = min(threads * PIECES, work // pool.LEAST_WORK)
-        # the rows are cut, or where there are few of them, all of them along their length
+        # cut along the rows or, if there are few rows, across them
         axis = 0 if dim[0] >= pieces else len(dim) - 1
         pieces = min(pieces, dim[axis])
         if threads > 1 and pieces > 1:
@@ -176,7 +176,7 @@ class WarpLaunches(Backend):
     def _run(
         self, make: Callable[..., Any], weighted: Weighted, options: tuple[Any, ...], inputs: list[Any], out: Any
     ) -> None:
-        """Run a kernel that takes the graph first, one work item per vertex."""
+        """Run a kernel whose first argument is the graph, with one work item per vertex."""
         bound = weighted.topology
         self._launch_vertices(bound.layout, make, (bound.access, *options), [bound.argument, *inputs], out)
 
@@ -189,7 +189,7 @@ class WarpLaunches(Backend):
         out: Any,
         edge_norm: bool,
     ) -> None:
-        """Run a kernel that takes the graph first; on a CPU a work item is a run of vertices or a pack of them."""
+        """Run a kernel whose first argument is the graph; on a CPU a work item is a run or a pack of vertices."""
         bound, N = weighted.topology, 1
         layout, (rows, width) = bound.layout, bound.layout.shape
         packs = self._on.is_cpu and not edge_norm and pack.possible(bound.access, options[0])
@@ -209,13 +209,13 @@ class WarpLaunches(Backend):
         self._launch(layout.shape, make, options, inputs, out, work=layout.work, cuts=layout.cuts)
 
     def _mirrored(self, weighted: Weighted) -> Any:
-        """The graph as an argument, with the places of opposite edges."""
+        """Return the graph as a kernel argument, with the indices of opposite edges."""
         return weighted.topology.layout.argument(weighted.weights, True)
 
     def _segments(self, shape: tuple[int, int]) -> tuple[int, list[int]]:
-        """Segments of a row, and the reach, stride and count that cut a row into them (``energy.py``).
+        """Return the segments of a row, and their reach, stride and count (``energy.py``).
 
-        A work item of a CPU runs through neighbouring vertices; on a GPU neighbouring work items do.
+        On a CPU a work item takes neighbouring vertices; on a GPU neighbouring work items take neighbouring vertices.
         """
         rows, width = shape
         gpu = self.device.kind == "gpu"
@@ -235,20 +235,20 @@ class WarpLaunches(Backend):
         dtype: Any,
         work: int,
     ) -> FloatArray:
-        """One number per segment of each row."""
+        """Compute one number per segment of each row, (rows, segments)."""
         segments, cut = self._segments(shape)
         out = wp.zeros((shape[0], segments), dtype=dtype, device=self._on)
         self._launch((shape[0], segments), make, options, [*inputs, *cut], out, work=work)
         partial: FloatArray = out.numpy()
         return partial
 
-    # What kernels take
+    # Kernel arguments
 
     def _squared(self, eps: float) -> float:
         return float(np.asarray(eps, self.dtype)[()] ** 2)
 
     def _conductance(self, g: Conductance, M: int) -> tuple[tuple[int, str], list[Any]]:
-        """Number and kind of the conductances, and the arguments that stand for them."""
+        """Return the number and kind of the conductances, and their kernel arguments."""
         if isinstance(g, Smoothness):
             return (g.norms(M), "edge"), [None, g.power, self._squared(g.eps)]
         if g is None:

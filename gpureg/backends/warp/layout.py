@@ -1,4 +1,4 @@
-"""How functions and weights lie in Warp arrays: what ``csr.py`` and ``grid.py`` expect."""
+"""The layouts of functions and weights in Warp arrays, as in ``csr.py`` and ``grid.py``."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ...kernels.warp import csr, grid
 from ..types import Array, DeviceCopies
 
 Upload = Callable[[npt.NDArray[Any], Any], Any]
-"""Copies a host array to the device, as numbers or vectors of a Warp type."""
+"""A function that copies a host array to the device, as numbers or vectors of a Warp type."""
 
 
 def equal_cuts(size: int, pieces: int) -> list[int]:
-    """Where to cut a range into pieces of the same size."""
+    """Return where to cut a range into pieces of the same size, (pieces + 1)."""
     return [size * i // pieces for i in range(pieces + 1)]
 
 
@@ -33,18 +33,17 @@ class Csr:
     def __init__(self, real: Any, upload: Upload, graph: Graph) -> None:
         if graph.n_edges >= 2**31:
             raise MemoryError(
-                f"the graph has {graph.n_edges} directed edges, a Warp array holds less than 2^31: "
+                f"the graph has {graph.n_edges} directed edges, a Warp array can have less than 2^31: "
                 "use a GridGraph, or another backend"
             )
         self.shape = (1, graph.n_vertices)
         self.weight_shape: tuple[int, ...] = (max(graph.n_edges, 1),)
-        # no reference to the graph: the layouts live as long as it does
         self._n_edges = graph.n_edges
         self._real = real
         self._struct = csr.struct(self._real)
         self.indptr = upload(graph.indptr.astype(np.int32), wp.int32)
         self.indices = upload(graph.indices.astype(np.int32, copy=False), wp.int32)
-        # Made when it is first needed. The arrays, not the graph: the layouts live as long as their graph.
+        # For the mirror, made at first use. A reference to the graph would keep it in the weak cache of layouts.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self._mirror: Any = None
         self._cuts: dict[int, list[int]] = {}
@@ -55,7 +54,7 @@ class Csr:
         return self.shape[1] + self._n_edges
 
     def cuts(self, size: int, pieces: int) -> list[int]:
-        """Where to cut the vertices into runs of about as many edges and vertices."""
+        """Return where to cut the vertices into runs with about the same number of edges and vertices."""
         if size != self.shape[1]:
             return equal_cuts(size, pieces)
         if pieces not in self._cuts:
@@ -98,7 +97,7 @@ class Csr:
 
 
 class Grid:
-    """An implicit grid on the device: the layout that ``grid.py`` describes."""
+    """An implicit grid on the device, in the layout of ``grid.py``."""
 
     def __init__(self, real: Any, upload: Upload, graph: GridGraph) -> None:
         self.shape = (math.prod(graph.shape[:-1]), graph.shape[-1])
@@ -159,7 +158,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """A graph with its weights as the kernels take it: how they read it, and their first argument."""
+    """A graph with its weights for the kernels: their access functions, and their first argument."""
 
     layout: Csr | Grid
     access: Any
@@ -167,5 +166,5 @@ class Bound:
 
 
 def channels_of(x: Array) -> int:
-    """Channels of a function on the device."""
+    """Return the channels of a function on the device."""
     return int(x.dtype._shape_[0])

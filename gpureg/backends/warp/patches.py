@@ -24,7 +24,7 @@ from .launching import WarpLaunches
 from .layout import channels_of
 from .pool import PACK_SPEED
 
-# A strip on the CPU: rows, bytes of neighbouring cells, and bytes of what a work item keeps, which fit the first cache.
+# A strip on the CPU: rows, bytes of neighbouring cells, and bytes of scratch per work item, which fit the L1 cache.
 _STRIP_ROWS, _STRIP_BYTES, _STRIP_SCRATCH = 32, 128, 1 << 15
 
 
@@ -42,17 +42,17 @@ class WarpPatches(WarpLaunches):
         return self._plane_bytes(graph, channels, radius, graph.offsets)
 
     def _plane_bytes(self, graph: GridGraph, channels: int, radius: int, offsets: IntArray) -> tuple[int, ...]:
-        """The padded function and the plane that says where the grid is, as strips take them."""
+        """Return the bytes of the padded function, and of the plane with the mask, for strips."""
         *rows, width = padded_shape(graph, radius)
         plane = math.prod(rows) * (width + sum(self._guards(offsets, radius))) * self.dtype.itemsize
         return channels * plane, plane
 
     def _strip_width(self) -> int:
-        """Cells of a row that a strip treats at once."""
+        """Return the number of neighbouring cells of a row that a strip computes at once."""
         return _STRIP_BYTES // self.dtype.itemsize if self._on.is_cpu else 1
 
     def _guards(self, offsets: IntArray, radius: int) -> tuple[int, int]:
-        """Zeros before and after a padded row: as far as the window and a pack may reach."""
+        """Return the zeros before and after a padded row: the reach of the window and of a pack."""
         left = int(np.abs(offsets[:, -1]).max(initial=0))
         return left, left + 2 * self._strip_width() + 2 * radius
 
@@ -67,7 +67,7 @@ class WarpPatches(WarpLaunches):
         inputs: list[Any],
         out: Any,
     ) -> None:
-        """Run a kernel over the strips of ``strip.py``; `backward`: with the whole window, not its forward half."""
+        """Run a kernel over the strips of ``strip.py``; `backward`: the whole window instead of its forward half."""
         M, ndim, r, width = f.shape[1], graph.ndim, form.radius, graph.shape[-1]
         height = graph.shape[-2] if ndim > 1 else 1
         N, S = self._strip_width(), 1
@@ -77,7 +77,7 @@ class WarpPatches(WarpLaunches):
         offsets, spatial = graph.forward_offsets, half
         if backward:
             offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
-        # Rows in planes, with zeros as far as the window and a pack may reach.
+        # Planes of rows with zeros on both sides, as far as the window and a pack reach.
         padded = reflected(graph, np.asarray(f, self.dtype), r)
         left, right = self._guards(offsets, r)
         inside = np.zeros((1, *padded.shape[1:]), self.dtype)
@@ -85,7 +85,7 @@ class WarpPatches(WarpLaunches):
         guards = [(0, 0)] * ndim + [(left, right)]
         planes, within = np.pad(padded, guards), np.pad(inside, guards)
         maps = None if form.scale is None else form.maps
-        # The patch along the leading axes of a grid of three axes and more, as steps in rows.
+        # The patch along the leading axes, on three axes or more, as steps in rows.
         leading = form.window(max(ndim - 2, 0))
         lines = patch_jumps(leading.shape, row_major(padded.shape[1:-1])[: leading.ndim])
 
@@ -111,7 +111,7 @@ class WarpPatches(WarpLaunches):
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
         if storage != "full":
-            raise BackendUnavailable("Warp stores weights in full: weights in float16, or recomputed, need OpenCL")
+            raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
             weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
@@ -121,7 +121,7 @@ class WarpPatches(WarpLaunches):
         padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
-        # The patch as lines along the last axis, each so many padded rows away.
+        # The lines of the patch along the last axis, as steps in padded rows.
         lines = patch_jumps(window.shape[:-1], row_major(shape[:-1]))
         places = np.stack(np.divmod(sites, shape[-1]), axis=-1).astype(np.int32)
         function = reals.vector(self.real, m)
@@ -146,7 +146,7 @@ class WarpPatches(WarpLaunches):
     def _aggregate(self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array) -> None:
         grid = expect_stored(weighted)
         access = weighted.topology.access
-        # the cells of a patch as differences of places: row, x, and on three axes and more the leading axes
+        # the cells of a patch as steps in row, x and, on three axes or more, along the leading axes
         lines = patch_lines(grid, radius)
         along = np.arange(-radius, radius + 1)
         cells = np.empty((len(lines), len(along), 2 + (grid.ndim - 1 if grid.ndim > 2 else 0)), np.int32)

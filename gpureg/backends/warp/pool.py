@@ -13,16 +13,16 @@ from typing import Any
 
 import warp as wp
 
-# On the CPU: bytes of a pack of neighbouring cells, how much faster an edge is in packs, and vertices in a run.
+# On the CPU: bytes of a pack of neighbouring cells, the speed-up per edge by packs, and vertices in a run.
 PACK_BYTES, PACK_SPEED, RUN = 64, 4, 256
-# Pieces per thread, so that a thread that is held up leaves the rest to the others; and the least work of a piece, in
-# edges and vertices: a tenth of a millisecond or more, a few times what it costs to hand a piece over.
+# Pieces per thread, so that other threads take over from a slow one; and the smallest work of a piece, in edges and
+# vertices: 0.1 ms or more, a few times the cost to pass a piece to a thread.
 PIECES, LEAST_WORK = 4, 1 << 17
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Warp without its greeting and its lines on modules; its warnings stay."""
+    """Silence the messages of Warp on start and on modules, but not its warnings."""
     level = wp.config.log_level
     if level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
@@ -37,7 +37,7 @@ _compiling = threading.RLock()
 
 @functools.cache
 def compiled(alias: str, make: Callable[..., Any], *options: Any) -> Any:
-    """The kernel that `make` gives for these options, compiled and loaded."""
+    """Return the kernel that `make` makes for these options, compiled and loaded; cached."""
     with _compiling, quiet():
         kernel = make(*options)
         wp.load_module(kernel.module, alias)
@@ -45,15 +45,15 @@ def compiled(alias: str, make: Callable[..., Any], *options: Any) -> Any:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
-    except AttributeError:  # a system without it
+    except AttributeError:  # not on every system
         return os.cpu_count() or 1
 
 
 class _Pool:
-    """The threads that help the one that launches; made when they are first needed, in a forked child anew."""
+    """Threads that help the launching thread; made at first use, and made again in a forked child."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -65,7 +65,7 @@ class _Pool:
         self._lock, self._threads = threading.Lock(), None
 
     def run(self, commands: list[Any]) -> None:
-        """Launch all commands, here and on the other threads, and wait for them."""
+        """Launch all commands, on this thread and the others, and wait for them."""
 
         def work() -> None:
             with contextlib.suppress(IndexError):
@@ -78,12 +78,12 @@ class _Pool:
                 self._threads = ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix="gpureg-warp")
         helpers = min(cores(), len(commands)) - 1
         futures = []
-        with contextlib.suppress(RuntimeError):  # no new threads while Python exits: all is done here
+        with contextlib.suppress(RuntimeError):  # no new threads while Python exits: this thread does all
             futures = [self._threads.submit(work) for _ in range(helpers)]
         try:
             work()
         finally:
-            # after an interrupt too: nothing is written once this returns
+            # also after an interrupt, nothing is written after the return
             waiting.clear()
             wait(futures)
         for future in futures:
@@ -94,7 +94,7 @@ _pool = _Pool()
 
 
 def launch_all(commands: list[Any]) -> None:
-    """Launch the commands that a launch was cut into."""
+    """Launch the pieces of a launch."""
     if len(commands) == 1:
         commands[0].launch()
     else:

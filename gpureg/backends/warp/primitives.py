@@ -35,7 +35,7 @@ from .zones import WarpZones
 
 CUDA_TIER, CPU_TIER = 0, 3
 
-# Recorded sweeps per graph with its weights: two buffers in turn, and as many dampings.
+# Recorded sweeps per weighted graph: two orders of the buffers, times a few values of theta.
 _SWEEPS = 8
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
@@ -43,7 +43,7 @@ _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
 @contextlib.contextmanager
 def _without_driver_warning() -> Iterator[None]:
-    """Drop the one line that Warp's C++ writes to stderr where there is no CUDA driver; no setting of its own does."""
+    """Drop the line that Warp's C++ writes to stderr if there is no CUDA driver; Warp has no setting for it."""
     try:
         stderr = os.dup(2)
     except OSError:  # a process without stderr
@@ -63,7 +63,7 @@ def _without_driver_warning() -> Iterator[None]:
 
 
 def devices() -> list[Device]:
-    """All CUDA devices, then the CPU."""
+    """List all CUDA devices, then the CPU."""
     with quiet(), _without_driver_warning():
         wp.init()
     processor = host.devices()[0]
@@ -95,7 +95,7 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
         super().__init__(device, dtype)
-        # The launches of past sweeps, for as long as their weights live.
+        # The launches of recorded sweeps, as long as their weights live.
         self._sweeps: weakref.WeakKeyDictionary[Weighted, dict[Any, Any]] = weakref.WeakKeyDictionary()
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
@@ -175,11 +175,12 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
         g: Array | None,
         out: Array,
     ) -> Array:
-        """Launch a sweep from a record the second time: a solver swaps the same two buffers over and over.
+        """Do a sweep; the second time with the same arguments, repeat its recorded launches.
 
-        To check and pack the arguments of a launch takes Python longer than a GPU needs for a small graph.
+        A solver swaps the same two buffers. For a small graph, Python's checks of the arguments would take longer than
+        the GPU.
         """
-        if model.has_function and g is None:  # an output of its own every time
+        if model.has_function and g is None:  # a new array for g each time
             return super().sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
         arrays = (f, f0, lam, g, out)
         key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), model, theta, pool.cores())
@@ -193,7 +194,7 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
         super(WarpBackend, recorder).sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
         if len(past) >= _SWEEPS:
             past.clear()
-        # with the arrays, so that no other one can get the number of one that is gone
+        # store the arrays too, so that no new array gets the id of a deleted one
         past[key] = (recorder._recorded, arrays)
         return out
 
@@ -202,5 +203,5 @@ class WarpBackend(WarpDuality, WarpPatches, WarpZones):
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:
-    """The backend on this device."""
+    """Make the backend on this device."""
     return WarpBackend(device, dtype)

@@ -14,7 +14,7 @@ from .launching import WarpLaunches
 from .layout import Csr
 from .pool import cores
 
-# Reads of a vertex in a round, about: what a launch is worth cutting up for.
+# Approximate work per vertex in a round, for the number of pieces of a launch.
 _READS = 32
 
 
@@ -27,7 +27,7 @@ class WarpZones(WarpLaunches, Rounds):
         cpu, n = self._on.is_cpu, graph.n_vertices
         zones, far = self._zones(graph, lengths)
         zones.block, zones.line = blocks(graph, cores() if cpu else None)
-        zones.reach, zones.hop = n, hop  # in the first round all; then as far as edges reach
+        zones.reach, zones.hop = n, hop  # all vertices in the first round, then those near other blocks
         items = -(-n // zones.block)
         here = [self.upload(x, wp.int64) for x in (mu, tag)]
         there = [wp.empty(n, dtype=wp.int64, device=self._on) for _ in range(2)]
@@ -45,14 +45,14 @@ class WarpZones(WarpLaunches, Rounds):
         return np.array(here[0].numpy()), np.array(here[1].numpy())
 
     def _zones(self, graph: AnyGraph, lengths: Lengths) -> tuple[Any, int]:
-        """The graph with its lengths, and how far an edge reaches in vertices."""
+        """Return the graph with its lengths, and the largest step of an edge in vertices."""
         zones = influence_zones.struct()()
         zones.n = graph.n_vertices
         if isinstance(graph, GridGraph):
             guard, jumps, padded = guarded(graph, lengths)
             if padded.size >= 2**31:
                 raise MemoryError(
-                    f"the grid has {padded.size} edges, a Warp array holds less than 2^31: use another backend"
+                    f"the grid has {padded.size} edges, a Warp array can have less than 2^31: use another backend"
                 )
             zones.H, zones.guard = graph.half_window, guard
             zones.jumps = self.upload(jumps.astype(np.int32), wp.int32)
