@@ -107,9 +107,9 @@ def test_skeleton(noisy):
     bone = gr.skeleton(smooth.points)
     assert sum(len(b.points) for b in branches) == sum(map(len, bone.branches()))
     # every place lies as far from the polygon's vertices as its radius says
-    for branch in branches:
-        nearest = np.linalg.norm(branch.points[:, None] - smooth.points, axis=2).min(axis=1)
-        assert np.allclose(nearest, branch.more[:, 0])
+    places = np.concatenate([branch.points for branch in branches])
+    nearest = np.linalg.norm(places[:, None] - smooth.points, axis=2).min(axis=1)
+    assert np.allclose(nearest, np.concatenate([branch.more[:, 0] for branch in branches]))
     gr.write_curves("line.csv", [CurveInFile(NOISY[:50], False, NONE[:50])])
     failed(run("line.csv", "x.csv", "--open", "--skeleton", "y.csv"), 2, "needs a closed curve, and there is none")
     assert not {"x.csv", "y.csv"} & files()
@@ -121,23 +121,30 @@ def test_pictures(noisy):
 
     assert "picture  both.png" in done(run(noisy, "out.csv", "--picture", "both.png"))
     assert "picture  bones.png" in done(run(noisy, "out.csv", "--skeleton", "b.svg", "--picture", "bones.png"))
-    for name in ("both.png", "bones.png"):
-        with Image.open(name) as opened:
-            assert np.asarray(opened.convert("L"), float).std() > 10
+    drawn = [np.asarray(Image.open(name).convert("L"), float) for name in ("both.png", "bones.png")]
+    assert min(picture.std() for picture in drawn) > 10
     figure = gr.plot.curves([[SQUARE, CIRCLE], SQUARE], upright=False)
     assert len(figure.axes) == 2 and figure.axes[0].get_ylim()[0] > figure.axes[0].get_ylim()[1]
     both = gr.plot.skeleton({"a": gr.skeleton(CIRCLE), "b": [gr.skeleton(SQUARE)]})
     assert [axes.get_title() for axes in both.axes] == ["a", "b"]
-    for call_, error in (
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
         (lambda: gr.plot.curves(SQUARE), TypeError),
         (lambda: gr.plot.curves([]), ValueError),
         (lambda: gr.plot.curves([np.zeros((4, 3))]), ValueError),
         (lambda: gr.plot.curves([SQUARE], closed=[True, False]), ValueError),
         (lambda: gr.plot.skeleton([SQUARE]), TypeError),
         (lambda: gr.plot.curves([SQUARE], path="a.doc"), ValueError),
-    ):
-        with pytest.raises(error):
-            call_()
+    ],
+)
+def test_wrong_calls_draw_no_picture(call, error):
+    pytest.importorskip("matplotlib", reason="matplotlib, of the extra 'plot', is not installed")
+    with pytest.raises(error):
+        call()
+    assert files() == set()
 
 
 def test_the_report_says_which_curves_are_closed(noisy):

@@ -105,9 +105,9 @@ def test_why_lam_is_what_it_is(noisy, flat, tmp_path):
     assert "no noise" in out and "lam  " not in out
 
 
-def test_dtype(noisy, tmp_path):
-    for dtype in ("float32", "float64"):
-        assert dtype in report(noisy, tmp_path / "o.png", "--dtype", dtype)["backend"]
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_dtype(noisy, tmp_path, dtype):
+    assert dtype in report(noisy, tmp_path / "o.png", "--dtype", dtype)["backend"]
 
 
 def test_memory(noisy, tmp_path):

@@ -84,9 +84,10 @@ def test_one_format_becomes_another():
     assert len(read_mesh("out.ply").vertices) == len(NOISY)
     # vertices correspond whatever their coordinates; 1e-5 is float32's share in normals that differ by degrees
     after = gr.denoise_mesh((NOISY, FACES), backend="numpy")[0]
-    for which, vertices in (("before", NOISY), ("after", after)):
-        expected = gr.metrics.normal_angle_error((vertices, FACES), (CLEAN, FACES))
-        assert told["reference"]["normal_angle"][which] == pytest.approx(expected, rel=1e-5)
+    meshes = {"before": NOISY, "after": after}
+    expected = {which: gr.metrics.normal_angle_error((x, FACES), (CLEAN, FACES)) for which, x in meshes.items()}
+    angles = told["reference"]["normal_angle"]
+    assert {which: angles[which] for which in meshes} == pytest.approx(expected, rel=1e-5)
 
 
 def test_all_that_can_be_asked_for(noisy):
@@ -103,15 +104,22 @@ def test_all_that_can_be_asked_for(noisy):
     assert np.array_equal(read_mesh("out.ply").vertices, expected.astype(np.float32))
     assert (told["p"], told["lam"], told["iterations"], told["sigma"]) == (1.5, 2.0, 7, 0.1)
     assert told["displacement"]["largest"] == pytest.approx(0.02)
-    for options, named in (
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
         (["--weights", "cotangent"], {"weights": "cotangent"}),
         (["--weights", "inverse-distance"], {"weights": gr.weights.inverse_distance(1)}),
         (["--weights", "constant"], {}),
         (["--taubin"], {"taubin": True}),
-    ):
-        assert run(noisy, "out.ply", "--filter", "positions", *options, "--quiet").output == ""
-        expected = gr.denoise_mesh((NOISY, FACES), filter="positions", backend="numpy", **named)[0]
-        assert np.array_equal(read_mesh("out.ply").vertices, expected.astype(np.float32))
+    ],
+    ids=str,
+)
+def test_positions_in_other_ways(noisy, options, named):
+    assert run(noisy, "out.ply", "--filter", "positions", *options, "--quiet").output == ""
+    expected = gr.denoise_mesh((NOISY, FACES), filter="positions", backend="numpy", **named)[0]
+    assert np.array_equal(read_mesh("out.ply").vertices, expected.astype(np.float32))
 
 
 def test_the_words(noisy):
@@ -148,27 +156,36 @@ def test_fewer_vertices(noisy):
     assert len(read_mesh("out.ply").vertices) == len(vertices)
 
 
-def test_values_at_the_vertices():
+@pytest.fixture
+def valued():
+    """A file with noisy values at its vertices, and the mesh in it."""
     mesh = trimesh.Trimesh(CLEAN, FACES, process=False)
     height = CLEAN[:, 2]
     mesh.visual.vertex_colors = np.clip(128 + 80 * height[:, None] + RNG.normal(0, 10, (len(CLEAN), 4)), 0, 255)
     mesh.vertex_attributes["depth"] = (height + RNG.normal(0, 0.1, len(CLEAN))).astype(np.float32)
     mesh.vertex_attributes["count"] = np.rint(100 * height + RNG.normal(0, 9, len(CLEAN))).astype(np.int16)
     write_mesh("in.ply", mesh)
-    kept = read_mesh("in.ply").mesh
-    for name in ("depth", "count", "colours"):
-        told = report("in.ply", "out.ply", "--values", name)
-        found = read_mesh("out.ply").mesh
-        assert np.array_equal(found.vertices, CLEAN)
-        before = kept.visual.vertex_colors[:, :3] if name == "colours" else kept.vertex_attributes[name]
-        after = found.visual.vertex_colors[:, :3] if name == "colours" else found.vertex_attributes[name]
-        expected = gr.denoise_mesh((CLEAN, FACES), values=before.astype(float), backend="numpy")
-        expected = np.rint(expected) if name != "depth" else expected.astype(np.float32)
-        assert np.array_equal(after, expected) and after.dtype == before.dtype
-        assert np.array_equal(found.visual.vertex_colors[:, 3], kept.visual.vertex_colors[:, 3])
-        others = {"depth", "count"} - {name}
-        assert all(np.array_equal(found.vertex_attributes[x], kept.vertex_attributes[x]) for x in others)
-        assert told["method"] == "values" and "displacement" not in told
+    return "in.ply", read_mesh("in.ply").mesh
+
+
+@pytest.mark.parametrize("name", ["depth", "count", "colours"])
+def test_values_at_the_vertices(valued, name):
+    path, kept = valued
+    told = report(path, "out.ply", "--values", name)
+    found = read_mesh("out.ply").mesh
+    assert np.array_equal(found.vertices, CLEAN)
+    before = kept.visual.vertex_colors[:, :3] if name == "colours" else kept.vertex_attributes[name]
+    after = found.visual.vertex_colors[:, :3] if name == "colours" else found.vertex_attributes[name]
+    expected = gr.denoise_mesh((CLEAN, FACES), values=before.astype(float), backend="numpy")
+    expected = np.rint(expected) if name != "depth" else expected.astype(np.float32)
+    assert np.array_equal(after, expected) and after.dtype == before.dtype
+    assert np.array_equal(found.visual.vertex_colors[:, 3], kept.visual.vertex_colors[:, 3])
+    others = {"depth", "count"} - {name}
+    assert all(np.array_equal(found.vertex_attributes[x], kept.vertex_attributes[x]) for x in others)
+    assert told["method"] == "values" and "displacement" not in told
+
+
+def test_values_that_are_not_there(valued):
     failed(run("in.ply", "no.ply", "--values", "heat"), 1, "no values 'heat'", "colours, depth, count")
     assert "no.ply" not in files()
 
@@ -279,5 +296,5 @@ def test_lines_fit_a_terminal(noisy, columns):
 
 def test_help_names_every_option():
     words = done(call("mesh", "--help"))
-    for parameter in command.params:
-        assert any(option in words for option in (*parameter.opts, parameter.metavar or "-"))
+    names = [(*parameter.opts, parameter.metavar or "-") for parameter in command.params]
+    assert [options for options in names if not any(option in words for option in options)] == []

@@ -90,10 +90,10 @@ def test_labels_and_colours(tmp_path, noisy):
     assert np.array_equal(np.unique(labels), np.arange(told["regions"]))
     assert colours.shape == (*labels.shape, 3)
     values = read_picture(tmp_path / "out.png").pixels
-    for i in range(told["regions"]):
-        assert len(np.unique(values[labels == i])) == 1
-        assert len(np.unique(colours[labels == i], axis=0)) == 1
-        assert ndimage.label(labels == i)[1] == 1
+    ones, regions = [1] * told["regions"], range(told["regions"])
+    assert [len(np.unique(values[labels == i])) for i in regions] == ones
+    assert [len(np.unique(colours[labels == i], axis=0)) for i in regions] == ones
+    assert [ndimage.label(labels == i)[1] for i in regions] == ones
 
 
 def test_all_that_can_be_asked_for(tmp_path, noisy):
@@ -112,8 +112,8 @@ def test_all_that_can_be_asked_for(tmp_path, noisy):
     assert told["merged"] == found.n_regions < told["regions"]
     words = done(run(noisy, tmp_path / "out.png", "--weights", "bilateral", "--sigma-space", 5, "--sigma-value", 30))
     assert words.startswith("sources  regional extrema of the intensity")
-    for line in ("regions  ", "filter   bilateral weights", "quality  PSNR ", "seconds  sources ", "done     "):
-        assert f"\n{line}" in words
+    begins = ("regions  ", "filter   bilateral weights", "quality  PSNR ", "seconds  sources ", "done     ")
+    assert [line for line in begins if f"\n{line}" not in words] == []
     assert run(noisy, tmp_path / "out.png", "--quiet").output == ""
 
 
@@ -160,12 +160,10 @@ def test_a_series_slice_by_slice(tmp_path):
     labels, value = tifffile.imread(tmp_path / "l.tif"), tifffile.imread(tmp_path / "out.tif")
     assert value.shape == labels.shape == frames.shape
     assert np.array_equal(np.unique(labels), np.arange(told["regions"]))
-    begin = 0
-    for k in range(3):
-        alone = gr.simplify_image(frames[k], backend="numpy")
-        assert np.array_equal(value[k], alone.value)
-        assert np.array_equal(labels[k], alone.labels + begin)
-        begin += alone.n_regions
+    alone = [gr.simplify_image(frame, backend="numpy") for frame in frames]
+    begins = np.cumsum([0, *(one.n_regions for one in alone[:-1])])
+    assert np.array_equal(value, [one.value for one in alone])
+    assert np.array_equal(labels, [one.labels + begin for one, begin in zip(alone, begins, strict=True)])
     whole = report(tmp_path / "s.tif", tmp_path / "v.tif", "--spacing", "3,1,1")
     assert np.array_equal(
         tifffile.imread(tmp_path / "v.tif"), gr.simplify_image(frames, spacing=(3, 1, 1), backend="numpy").value
@@ -254,5 +252,5 @@ def test_lines_fit_a_terminal(tmp_path, noisy, columns):
 
 def test_help_names_every_option():
     words = done(call("simplify", "--help"))
-    for parameter in simplify.params:
-        assert any(option in words for option in (*parameter.opts, parameter.metavar or "-"))
+    names = [(*parameter.opts, parameter.metavar or "-") for parameter in simplify.params]
+    assert [options for options in names if not any(option in words for option in options)] == []

@@ -44,8 +44,8 @@ def test_the_runs_are_the_papers(runs):
     assert [run.graph for run in runs[::3]] == ["G_0", "G_8, w_1", "G_8, w_2^5"]
     # No p moves values beyond those of the data (maximum principle: each sweep takes means), but by rounding.
     f0 = Inputs().grey(SIDE).pixels
-    for run in runs:
-        assert f0.min() - 0.01 <= run.value.min() <= run.value.max() <= f0.max() + 0.01
+    values = np.stack([run.value for run in runs])
+    assert f0.min() - 0.01 <= values.min() <= values.max() <= f0.max() + 0.01
 
 
 def test_counts_of_a_known_picture():
@@ -76,6 +76,13 @@ def test_made_shapes():
     assert coast.shape == (300, 2) and np.linalg.norm(coast, axis=1).min() > 0.5
 
 
+def made_by(folder, *options) -> str:
+    """What the command says that writes figures into a folder."""
+    done = CliRunner().invoke(main, ["figures", str(folder), *options], standalone_mode=False)
+    assert done.exception is None, done.exception
+    return done.output
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """All figures, as small as they can be, by the command: the folder and what it said."""
@@ -87,38 +94,45 @@ def quick(tmp_path_factory):
         for module, side in ((levelling, 32), (fig4, 32)):
             patch.setitem(module.SIDES, True, side)
         levelling.runs.cache_clear()
-        done = CliRunner().invoke(main, ["figures", str(folder), "--quick"], standalone_mode=False)
+        said = made_by(folder, "--quick")
         levelling.runs.cache_clear()
-    assert done.exception is None, done.exception
-    return folder, done.output
+    return folder, said
 
 
 def test_the_command_writes_all(quick):
-    folder, said = quick
+    folder, _ = quick
     assert sorted(path.name for path in folder.iterdir()) == [
         f"fig{k}.{kind}" for k in FIGURES for kind in ("json", "png")
     ]
-    for k in FIGURES:
-        numbers = json.loads((folder / f"fig{k}.json").read_text("utf-8"))
-        assert numbers["title"].startswith(f"Figure {k}. ") and numbers["title"] in said
-        assert str(folder / f"fig{k}.png") in said
-        # the sentence is in what is said, broken into lines
-        assert numbers["see"] in said.replace("\n", " ") and numbers["settings"]
-        with Image.open(folder / f"fig{k}.png") as opened:
-            assert np.asarray(opened.convert("L"), float).std() > 10
+
+
+@pytest.mark.parametrize("k", FIGURES)
+def test_a_figure_is_a_picture_numbers_and_words(quick, k):
+    folder, said = quick
+    numbers = numbers_of(quick, k)
+    assert numbers["title"].startswith(f"Figure {k}. ") and numbers["title"] in said
+    assert str(folder / f"fig{k}.png") in said
+    # the sentence is in what is said, broken into lines
+    assert numbers["see"] in said.replace("\n", " ") and numbers["settings"]
+    with Image.open(folder / f"fig{k}.png") as opened:
+        assert np.asarray(opened.convert("L"), float).std() > 10
 
 
 def numbers_of(quick, k):
     return json.loads((quick[0] / f"fig{k}.json").read_text("utf-8"))
 
 
-def test_figures_1_and_2(quick):
-    for k, degrees in ((1, 6), (2, 4)):
-        runs = numbers_of(quick, k)["runs"]
-        assert len(runs) == 3 * degrees
-        for run in runs:
-            assert 1 <= run["main_levels"] <= run["levels"] <= run["flat_zones"] <= 32 * 32
-            assert run["seconds"] > 0 and run["iterations"] == 20
+@pytest.mark.parametrize(("k", "degrees"), [(1, 6), (2, 4)])
+def test_figures_1_and_2(quick, k, degrees):
+    runs = numbers_of(quick, k)["runs"]
+    assert len(runs) == 3 * degrees
+    counts = [(1, run["main_levels"], run["levels"], run["flat_zones"], 32 * 32) for run in runs]
+    assert [tuple(sorted(found)) for found in counts] == counts
+    assert min(run["seconds"] for run in runs) > 0
+    assert {run["iterations"] for run in runs} == {20}
+
+
+def test_weights_keep_the_contrast(quick):
     plain, weighted = numbers_of(quick, 1)["until convergence"]
     assert weighted["contrast kept"] > plain["contrast kept"] + 0.2  # measured 0.9 and 0.5
 
@@ -179,13 +193,10 @@ def test_ones_own_files(tmp_path, monkeypatch):
     gr.write_mesh(tmp_path / "own.ply", made.bracket(3))
     gr.write_curves(tmp_path / "own.csv", [gr.CurveInFile(made.coast(80), True, np.empty((80, 0)))])
     files = [f"--{kind}={tmp_path}/own.{end}" for kind, end in (("image", "png"), ("mesh", "ply"), ("curve", "csv"))]
-    call = ["figures", str(tmp_path / "out"), "--quick", "--no-noise", "--quiet", *files]
-    done = CliRunner().invoke(main, call, standalone_mode=False)
-    assert done.exception is None, done.exception
-    assert done.output == ""
-    for k, kind in enumerate("image image image image curve mesh curve mesh curve".split(), start=1):
-        text = (tmp_path / "out" / f"fig{k}.json").read_text("utf-8")
-        assert f"own.{ {'image': 'png', 'mesh': 'ply', 'curve': 'csv'}[kind] }" in text
+    assert made_by(tmp_path / "out", "--quick", "--no-noise", "--quiet", *files) == ""
+    shown = dict(enumerate("png png png png csv ply csv ply csv".split(), start=1))
+    texts = {k: (tmp_path / "out" / f"fig{k}.json").read_text("utf-8") for k in shown}
+    assert [k for k, end in shown.items() if f"own.{end}" not in texts[k]] == []
     assert "psnr of the noisy picture" not in json.loads((tmp_path / "out" / "fig3.json").read_text("utf-8"))
     five = json.loads((tmp_path / "out" / "fig5.json").read_text("utf-8"))
     assert "original" not in five and five["noisy"]["share of the area"] == 1
@@ -199,10 +210,8 @@ def test_a_sheet_and_an_eight(tmp_path):
     t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     eight = np.stack([np.sin(t), np.round(np.sin(2 * t), 12)], axis=1)
     gr.write_curves(tmp_path / "eight.csv", [gr.CurveInFile(eight, True, np.empty((80, 0)))])
-    call = ["figures", str(tmp_path / "out"), "--quick", "--only=6", "--only=7", "--only=8"]
-    call += [f"--mesh={tmp_path}/sheet.ply", f"--curve={tmp_path}/eight.csv"]
-    done = CliRunner().invoke(main, call, standalone_mode=False)
-    assert done.exception is None, done.exception
+    files = [f"--mesh={tmp_path}/sheet.ply", f"--curve={tmp_path}/eight.csv"]
+    made_by(tmp_path / "out", "--quick", "--only=6", "--only=7", "--only=8", *files)
     assert sorted(path.suffix for path in (tmp_path / "out").iterdir()) == [".json"] * 3 + [".png"] * 3
 
     def refuse(word):
@@ -218,12 +227,10 @@ def test_an_stl_is_the_mesh_that_it_is(tmp_path):
     numbers = []
     for name in ("ball.ply", "ball.stl"):
         gr.write_mesh(tmp_path / name, (np.array(ball.vertices), np.array(ball.faces)))
-        call = ["figures", str(tmp_path / "out"), "--only=6", "--only=8", f"--mesh={tmp_path}/{name}"]
-        done = CliRunner().invoke(main, call, standalone_mode=False)
-        assert done.exception is None, done.exception
+        made_by(tmp_path / "out", "--only=6", "--only=8", f"--mesh={tmp_path}/{name}")
         numbers.append([json.loads((tmp_path / "out" / f"fig{k}.json").read_text("utf-8")) for k in (6, 8)])
-    for ply, stl in zip(*numbers, strict=True):
-        assert stl.get("vertices") == ply.get("vertices")
+    of_ply, of_stl = ([found.get("vertices") for found in figures] for figures in numbers)
+    assert of_stl == of_ply
     # vertices come in another order, so that their noise is another
     shares = [found["lam = 0"]["share of the volume"] for found, _ in numbers]
     assert shares[0] == pytest.approx(shares[1], abs=0.05)
@@ -298,11 +305,13 @@ def test_the_courses_of_the_solvers(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.split() == [str(tmp_path / "new" / "solvers.png")]
     panels = json.loads((tmp_path / "new" / "solvers.json").read_text("utf-8"))
     assert list(panels) == ["p = 1", "p = 1.5", "p = 2", "p = 3"]
-    for panel in panels.values():
-        assert len(panel["courses"]) == 5
-        for name, seen in panel["courses"].items():
-            assert np.all(np.diff(seen["seconds"]) > 0)
-            if "certified" in name:
-                # no energy that any solver found is below what the certificate says
-                bounds = np.array(seen["energy"]) - np.array(seen["gap"], float)
-                assert bounds.max() <= panel["least"] * (1 + 1e-12)
+    assert {title: len(panel["courses"]) for title, panel in panels.items()} == dict.fromkeys(panels, 5)
+    found = [(panel["least"], name, seen) for panel in panels.values() for name, seen in panel["courses"].items()]
+    assert [name for _, name, seen in found if not np.all(np.diff(seen["seconds"]) > 0)] == []
+    # no energy that any solver found is below what the certificate says
+    bounds = [
+        (least, np.max(np.array(seen["energy"]) - np.array(seen["gap"], float)))
+        for least, name, seen in found
+        if "certified" in name
+    ]
+    assert [(least, bound) for least, bound in bounds if not bound <= least * (1 + 1e-12)] == []

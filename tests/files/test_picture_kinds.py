@@ -37,15 +37,18 @@ def test_palette_png(tmp_path, transparent):
         assert got.alpha is None
 
 
-def test_bilevel_png_and_tiff(tmp_path):
+@pytest.mark.parametrize("extension", [".png", ".tif"])
+def test_bilevel_png_and_tiff(tmp_path, extension):
     bits = np.random.default_rng(3).random(SIZE) < 0.5
-    Image.fromarray(bits).save(tmp_path / "a.png")
-    # tifffile alone would write True as black
-    tifffile.imwrite(tmp_path / "a.tif", bits, photometric="minisblack")
-    for name in ("a.png", "a.tif"):
-        got = read_picture(tmp_path / name)
-        assert got.pixels.dtype == np.uint8 and got.alpha is None
-        np.testing.assert_array_equal(got.pixels, bits * np.uint8(255))
+    path = tmp_path / f"a{extension}"
+    if extension == ".png":
+        Image.fromarray(bits).save(path)
+    else:
+        # tifffile alone would write True as black
+        tifffile.imwrite(path, bits, photometric="minisblack")
+    got = read_picture(path)
+    assert got.pixels.dtype == np.uint8 and got.alpha is None
+    np.testing.assert_array_equal(got.pixels, bits * np.uint8(255))
 
 
 def test_png_of_few_bits(tmp_path):
@@ -182,10 +185,10 @@ def test_colour_profile_of_16_bits(tmp_path, name):
     assert got.icc_profile == profile()
 
 
-def test_colour_profile_of_another_writer(tmp_path):
-    for name in ("a.png", "a.jpg", "a.tif"):
-        Image.fromarray(smooth()).save(tmp_path / name, icc_profile=profile())
-        assert read_picture(tmp_path / name).icc_profile == profile()
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
+def test_colour_profile_of_another_writer(tmp_path, name):
+    Image.fromarray(smooth()).save(tmp_path / name, icc_profile=profile())
+    assert read_picture(tmp_path / name).icc_profile == profile()
 
 
 def test_bilevel_white_is_zero_tiff(tmp_path):

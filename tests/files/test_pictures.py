@@ -121,13 +121,13 @@ def test_skimage_reads_our_files(tmp_path):
         np.testing.assert_array_equal(skimage_io.imread(tmp_path / f"a{extension}"), want.pixels)
 
 
+@pytest.mark.parametrize("layout", ["grey", "rgb"])
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1)])
 @pytest.mark.parametrize("extension", [".png", ".tif", ".jpg"])
-def test_thin_pictures(tmp_path, extension, size):
-    for layout in ("grey", "rgb"):
-        want = picture(layout, "uint8", size)
-        write_picture(tmp_path / f"a{extension}", want)
-        assert read_picture(tmp_path / f"a{extension}").pixels.shape == want.pixels.shape
+def test_thin_pictures(tmp_path, extension, size, layout):
+    want = picture(layout, "uint8", size)
+    write_picture(tmp_path / f"a{extension}", want)
+    assert read_picture(tmp_path / f"a{extension}").pixels.shape == want.pixels.shape
 
 
 def test_a_view_with_any_strides_is_written(tmp_path):

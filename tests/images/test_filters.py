@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 
@@ -223,30 +224,42 @@ def test_a_guide_decides(device):
     assert_allclose(same, expected, **CLOSE)
 
 
-def test_masked_pixels_take_no_part(device):
+MASKED = {
+    "nonlocal means": (gr.denoise_nl_means, {"h": 0.6}),
+    "averaged patches": (gr.denoise_nl_means, {"h": 0.6, "average_patches": True}),
+    "largest centre": (gr.denoise_nl_means, {"h": 0.6, "centre": "largest", "border": "nearest"}),
+    "bilateral": (gr.denoise_bilateral, {"sigma_value": 0.3}),
+    "total variation": (gr.denoise_tv, {"lam": 5, "max_iter": 20}),
+    "image": (gr.denoise_image, {"sigma": 0.1}),
+}
+
+
+@pytest.mark.parametrize("name", MASKED)
+def test_masked_pixels_take_no_part(device, name):
     """NaN under the mask; every option keeps them as they are, and nothing of them gets out."""
     image = picture(24, 27)
     mask = rng(9).random(image.shape) < 0.8
     holes = np.where(mask, image, np.nan)
     other = np.where(mask, image, 1e6)
-    calls = [
-        lambda f: gr.denoise_nl_means(f, h=0.6, mask=mask, backend=device),
-        lambda f: gr.denoise_nl_means(f, h=0.6, mask=mask, average_patches=True, backend=device),
-        lambda f: gr.denoise_nl_means(f, h=0.6, mask=mask, centre="largest", border="nearest", backend=device),
-        lambda f: gr.denoise_bilateral(f, sigma_value=0.3, mask=mask, backend=device),
-        lambda f: gr.denoise_tv(f, lam=5, mask=mask, max_iter=20, backend=device),
-        lambda f: gr.denoise_image(f, sigma=0.1, mask=mask, backend=device),
-    ]
-    for call in calls:
-        result = call(holes)
-        assert np.isnan(result[~mask]).all()
-        assert np.isfinite(result[mask]).all()
-        assert_array_equal(call(other)[mask], result[mask])
-        assert np.abs(result[mask] - image[mask]).max() > 0.05
+    door, options = MASKED[name]
+    result = door(holes, mask=mask, backend=device, **options)
+    assert np.isnan(result[~mask]).all()
+    assert np.isfinite(result[mask]).all()
+    assert_array_equal(door(other, mask=mask, backend=device, **options)[mask], result[mask])
+    assert np.abs(result[mask] - image[mask]).max() > 0.05
 
 
+# the doors, and their options for values up to `scale`
+BY_SCALE = {
+    "nonlocal means": (gr.denoise_nl_means, lambda scale: {"h": 0.5 * scale}),
+    "bilateral": (gr.denoise_bilateral, lambda scale: {"sigma_value": 0.3 * scale}),
+    "total variation": (gr.denoise_tv, lambda scale: {"lam": 8 / scale, "max_iter": 10}),
+}
+
+
+@pytest.mark.parametrize("name", BY_SCALE)
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", "float64"])
-def test_types_and_layouts(dtype):
+def test_types_and_layouts(dtype, name):
     image = picture(20, 22)
     if np.dtype(dtype).kind == "u":
         image = np.clip(image, 0, 1) * np.iinfo(dtype).max
@@ -255,17 +268,14 @@ def test_types_and_layouts(dtype):
     frozen, strided = image.copy(), np.zeros((40, 66), dtype)[::2, ::3]
     frozen.flags.writeable = False
     strided[...] = image
-    for call in (
-        lambda f: gr.denoise_nl_means(f, h=0.5 * scale, backend="numpy"),
-        lambda f: gr.denoise_bilateral(f, sigma_value=0.3 * scale, backend="numpy"),
-        lambda f: gr.denoise_tv(f, lam=8 / scale, max_iter=10, backend="numpy"),
-    ):
-        result = call(image)
-        assert result.dtype == dtype and result.shape == image.shape
-        assert_array_equal(call(frozen), result)
-        assert_array_equal(call(strided), result)
-        assert_array_equal(call(np.asfortranarray(image)), result)
-        assert (result != image).any()
+    door, options = BY_SCALE[name]
+    call = functools.partial(door, backend="numpy", **options(scale))
+    result = call(image)
+    assert result.dtype == dtype and result.shape == image.shape
+    assert_array_equal(call(frozen), result)
+    assert_array_equal(call(strided), result)
+    assert_array_equal(call(np.asfortranarray(image)), result)
+    assert (result != image).any()
 
 
 def test_tv_is_regularize_on_g0():

@@ -51,8 +51,7 @@ def test_several_files_into_a_new_folder(raw):
     (line,) = out.splitlines()
     assert line.startswith("done     2 of 2 files in ") and " on numpy" in line and line.endswith(" -> out")
     assert sorted(os.listdir("out")) == ["a.png", "c.tif"]
-    for name in os.listdir("out"):
-        assert is_denoised(raw / name, Path("out", name))
+    assert [name for name in os.listdir("out") if not is_denoised(raw / name, Path("out", name))] == []
 
 
 @pytest.mark.parametrize(
@@ -281,10 +280,10 @@ def test_one_reference_for_all_and_a_missing_one(raw):
 def test_plans_of_many_carry_their_names(raw):
     out = done(denoise("raw/*", "out", "--explain")).splitlines()
     assert [line for line in out if line.startswith("raw")] == ["raw/a.png", "raw/b.png", "raw/c.tif"]
-    names = [out.index(f"raw/{name}") for name in ("a.png", "b.png", "c.tif")]
-    for name, end in zip(names, [*names[1:], len(out) - 1], strict=True):
-        pixels = read_picture(Path(out[name])).pixels
-        assert out[name + 1 : end] == gpureg.plan_denoising(pixels).explain().splitlines()
+    expected = []
+    for name in ("raw/a.png", "raw/b.png", "raw/c.tif"):
+        expected += [name, *gpureg.plan_denoising(read_picture(Path(name)).pixels).explain().splitlines()]
+    assert out[out.index("raw/a.png") : -1] == expected
     assert out[-1].startswith("done")
 
 

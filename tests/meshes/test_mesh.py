@@ -14,7 +14,8 @@ from gpureg.meshes.normals import fitted_vertices
 from gpureg.noise.graphs import noise_on_graph
 from gpureg.shapes.surface import face_normals, surface_of
 
-SPHERE = trimesh.creation.icosphere(3)
+SPHERE, FINE = trimesh.creation.icosphere(3), trimesh.creation.icosphere(4)
+TORUS = trimesh.creation.torus(2, 1, major_sections=60, minor_sections=40)
 BOX = trimesh.creation.box().subdivide().subdivide().subdivide()
 
 
@@ -126,13 +127,13 @@ def test_the_fit_term_stops_shrinkage():
     assert kept > 0.9  # measured 0.92 on this coarse sphere, which its mean curvature pulls in
 
 
+@pytest.mark.parametrize("mesh", [SPHERE, BOX], ids=["sphere", "box"])
 @pytest.mark.parametrize("filter", ["normals", "positions"])
-def test_a_mesh_without_noise_stays(filter):
-    for mesh in (SPHERE, BOX):
-        moved = gr.denoise_mesh(mesh, filter=filter)
-        assert np.abs(moved.vertices - mesh.vertices).max() < 0.02 * mesh.edges_unique_length.mean()
-    # of a box most edges are flat: no noise, and not a digit changes
-    np.testing.assert_array_equal(gr.denoise_mesh(BOX, filter=filter).vertices, BOX.vertices)
+def test_a_mesh_without_noise_stays(filter, mesh):
+    moved = gr.denoise_mesh(mesh, filter=filter)
+    assert np.abs(moved.vertices - mesh.vertices).max() < 0.02 * mesh.edges_unique_length.mean()
+    if mesh is BOX:  # most edges are flat: no noise, and not a digit changes
+        np.testing.assert_array_equal(moved.vertices, BOX.vertices)
 
 
 def test_creases_stay_sharp():
@@ -148,12 +149,12 @@ def test_creases_stay_sharp():
     )
 
 
+@pytest.mark.parametrize("mesh", [FINE, TORUS], ids=["sphere", "torus"])
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
-def test_estimated_noise(share):
-    for mesh in (trimesh.creation.icosphere(4), trimesh.creation.torus(2, 1, major_sections=60, minor_sections=40)):
-        sigma = share * mesh.edges_unique_length.mean()
-        # within a sixth: the larger noise tilts the normals along which it is seen
-        assert gr.estimate_mesh_noise(noisy(mesh, share), mesh.faces) == pytest.approx(sigma, rel=0.17)
+def test_estimated_noise(share, mesh):
+    sigma = share * mesh.edges_unique_length.mean()
+    # within a sixth: the larger noise tilts the normals along which it is seen
+    assert gr.estimate_mesh_noise(noisy(mesh, share), mesh.faces) == pytest.approx(sigma, rel=0.17)
 
 
 def test_noise_of_values_on_a_graph():
@@ -216,7 +217,8 @@ def test_folds_are_opened():
     np.testing.assert_array_equal(held[fixed], shaken[fixed])
 
 
-def test_fixed_vertices_borders_and_the_cap():
+@pytest.mark.parametrize("filter", ["normals", "positions"])
+def test_fixed_vertices_borders_and_the_cap(filter):
     grid = trimesh.creation.box().subdivide()
     faces = np.array(grid.faces)[np.array(grid.triangles_center)[:, 2] < 0.4]  # an open box
     vertices = np.random.default_rng(2).normal(0, 0.05, (len(grid.vertices), 3)) + grid.vertices
@@ -225,26 +227,23 @@ def test_fixed_vertices_borders_and_the_cap():
     border = np.unique(unique[count == 1])
     fixed = np.zeros(len(vertices), bool)
     fixed[::5] = True
-    for filter in ("normals", "positions"):
-        found = denoised(
-            surface_of(vertices, faces), filter=filter, fixed=fixed, fix_border=True, max_displacement=0.01
-        )
-        held = fixed.copy()
-        held[border] = True
-        np.testing.assert_array_equal(found.vertices[held], vertices[held])
-        moved = np.linalg.norm(found.vertices - vertices, axis=1)
-        assert 0 < moved.max() <= 0.01 * (1 + 1e-12)
-        np.testing.assert_allclose(found.displacement, moved, atol=1e-12)
+    found = denoised(surface_of(vertices, faces), filter=filter, fixed=fixed, fix_border=True, max_displacement=0.01)
+    held = fixed.copy()
+    held[border] = True
+    np.testing.assert_array_equal(found.vertices[held], vertices[held])
+    moved = np.linalg.norm(found.vertices - vertices, axis=1)
+    assert 0 < moved.max() <= 0.01 * (1 + 1e-12)
+    np.testing.assert_allclose(found.displacement, moved, atol=1e-12)
 
 
-def test_fidelity_per_vertex_holds_a_part():
+@pytest.mark.parametrize("filter", ["normals", "positions"])
+def test_fidelity_per_vertex_holds_a_part(filter):
     vertices = noisy(SPHERE, 0.2)
     upper = vertices[:, 2] > 0
-    for filter in ("normals", "positions"):
-        lam = np.where(upper, np.inf, 1.0)
-        moved = np.linalg.norm(gr.denoise_mesh((vertices, SPHERE.faces), filter=filter, lam=lam)[0] - vertices, axis=1)
-        assert moved[upper].max() == 0
-        assert moved[vertices[:, 2] < -0.3].mean() > 0.02
+    lam = np.where(upper, np.inf, 1.0)
+    moved = np.linalg.norm(gr.denoise_mesh((vertices, SPHERE.faces), filter=filter, lam=lam)[0] - vertices, axis=1)
+    assert moved[upper].max() == 0
+    assert moved[vertices[:, 2] < -0.3].mean() > 0.02
 
 
 @pytest.mark.parametrize("filter", ["normals", "positions"])
@@ -272,36 +271,47 @@ def test_it_goes_with_motions_of_space(filter, move):
     assert np.abs(there - at(here)).max() < 2e-5 * (1000 if move == "scaled" else 1)
 
 
-def test_broken_meshes_are_treated_where_they_can_be():
+@pytest.mark.parametrize(
+    ("filter", "options"),
+    [
+        ("normals", {}),
+        ("normals", {"lam": 0.0}),
+        ("positions", {}),
+        ("positions", {"weights": gr.weights.inverse_distance(2)}),
+        ("positions", {"lam": 0.0}),
+    ],
+    ids=str,
+)
+def test_broken_meshes_are_treated_where_they_can_be(filter, options):
     vertices = np.concatenate([noisy(SPHERE, 0.2), [[5, 5, 5], [0, 0, 2], [0, 0, 2]]])
     n = len(SPHERE.vertices)
     faces = np.concatenate(
         [SPHERE.faces, [[0, 0, 1], [2, 2, 2], [0, 1, n + 1], [0, 1, n + 2], [*SPHERE.faces[0]]]]
     )  # without area, non-manifold edges, copies, a face twice; vertex n in none
-    for filter in ("normals", "positions"):
-        for options in ({}, {"weights": gr.weights.inverse_distance(2)}, {"lam": 0.0}):
-            if options.get("weights") is not None and filter == "normals":
-                continue
-            moved, same = gr.denoise_mesh((vertices, faces), filter=filter, **options)
-            assert np.isfinite(moved).all()
-            np.testing.assert_array_equal(moved[n], [5, 5, 5])
-            np.testing.assert_array_equal(moved[n + 1], moved[n + 2])
-            np.testing.assert_array_equal(same, faces)
+    moved, same = gr.denoise_mesh((vertices, faces), filter=filter, **options)
+    assert np.isfinite(moved).all()
+    np.testing.assert_array_equal(moved[n], [5, 5, 5])
+    np.testing.assert_array_equal(moved[n + 1], moved[n + 2])
+    np.testing.assert_array_equal(same, faces)
 
 
-def test_values_on_the_vertices():
-    mesh = trimesh.creation.icosphere(4)
-    rng = np.random.default_rng(3)
-    truth = np.where(np.array(mesh.vertices)[:, 2] > 0, 200.0, 50.0)
-    for f, true in ((truth + rng.normal(0, 20, len(truth)), truth),
-                    (truth[:, None] + rng.normal(0, 20, (len(truth), 3)), truth[:, None])):  # fmt: skip
-        value = gr.denoise_mesh(mesh, values=f)
-        assert value.shape == f.shape
-        # measured 0.28 for one channel and for three; plain averaging of neighbours leaves 0.5 and blurs the step
-        assert np.sqrt(np.mean((value - true) ** 2)) < 0.4 * 20
-    kept = gr.denoise_mesh(mesh, values=truth.astype(np.float32), fixed=np.ones(len(truth), bool), lam=1)
+STEP = np.where(np.array(FINE.vertices)[:, 2] > 0, 200.0, 50.0)
+
+
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["one channel", "three"])
+def test_values_on_the_vertices(channels):
+    true = STEP if channels == () else STEP[:, None]
+    f = true + np.random.default_rng(3).normal(0, 20, (len(STEP), *channels))
+    value = gr.denoise_mesh(FINE, values=f)
+    assert value.shape == f.shape
+    # measured 0.28 for one channel and for three; plain averaging of neighbours leaves 0.5 and blurs the step
+    assert np.sqrt(np.mean((value - true) ** 2)) < 0.4 * 20
+
+
+def test_values_on_fixed_vertices_are_kept():
+    kept = gr.denoise_mesh(FINE, values=STEP.astype(np.float32), fixed=np.ones(len(STEP), bool), lam=1)
     assert kept.dtype == np.float32
-    np.testing.assert_array_equal(kept, truth)
+    np.testing.assert_array_equal(kept, STEP)
 
 
 def test_cotangent_weights_against_angles():

@@ -14,17 +14,21 @@ SPHERE = trimesh.creation.icosphere(2)
 TRIANGLE = ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 
 
-def test_area_volume_and_closedness():
-    for mesh in (SPHERE, trimesh.creation.torus(2, 0.5), trimesh.creation.box((1, 2, 3))):
-        assert metrics.area(mesh) == pytest.approx(mesh.area, rel=1e-12)
-        assert metrics.volume(mesh) == pytest.approx(mesh.volume, rel=1e-12)
-        assert metrics.is_watertight(mesh)
-        soup = mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
-        assert metrics.is_watertight(soup)
-        assert not metrics.is_watertight((mesh.vertices, mesh.faces[1:]))
-        turned = np.array(mesh.faces)
-        turned[0] = turned[0][::-1]
-        assert not metrics.is_watertight((mesh.vertices, turned))
+@pytest.mark.parametrize(
+    "mesh",
+    [SPHERE, trimesh.creation.torus(2, 0.5), trimesh.creation.box((1, 2, 3))],
+    ids=["sphere", "torus", "box"],
+)
+def test_area_volume_and_closedness(mesh):
+    assert metrics.area(mesh) == pytest.approx(mesh.area, rel=1e-12)
+    assert metrics.volume(mesh) == pytest.approx(mesh.volume, rel=1e-12)
+    assert metrics.is_watertight(mesh)
+    soup = mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
+    assert metrics.is_watertight(soup)
+    assert not metrics.is_watertight((mesh.vertices, mesh.faces[1:]))
+    turned = np.array(mesh.faces)
+    turned[0] = turned[0][::-1]
+    assert not metrics.is_watertight((mesh.vertices, turned))
 
 
 def test_normal_angle_error():

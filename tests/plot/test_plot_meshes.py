@@ -71,18 +71,18 @@ def test_the_camera(tmp_path, view, up, size):
     assert width / height == pytest.approx(size[0] / size[1], rel=0.02)  # two pixels of a hundred
 
 
-def test_what_is_near_hides_what_is_far(tmp_path):
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(("azimuth", "shown", "other"), [(0, 0, 1), (180, 1, 0)])
+def test_what_is_near_hides_what_is_far(tmp_path, azimuth, shown, other, order):
     """Two open squares, a red one in front of a green one; seen from the other side it is the other."""
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
     vertices = np.concatenate([square + np.array([0, 0, 1]), 0.999 * square])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     red, green = [0.9, 0, 0], [0, 0.9, 0]
-    values = [np.array([red, red, green, green])]
-    for azimuth, shown, other in ((0, 0, 1), (180, 1, 0)):
-        for order in (slice(None), slice(None, None, -1)):
-            picture = drawn(tmp_path, [(vertices, faces[order])], view=(azimuth, 0), up="y", values=[values[0][order]])
-            middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
-            assert middle[shown] > 100 > 20 > middle[other]
+    values = np.array([red, red, green, green])
+    picture = drawn(tmp_path, [(vertices, faces[::order])], view=(azimuth, 0), up="y", values=[values[::order]])
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
+    assert middle[shown] > 100 > 20 > middle[other]
 
 
 def test_closed_meshes_hide_their_inside_whichever_way_they_are_turned(tmp_path):
@@ -113,24 +113,27 @@ def test_panels_share_camera_and_scale(tmp_path):
     assert len(five.axes) == 5 and len(tops) == 2
 
 
-def test_numbers_are_drawn_with_a_bar(tmp_path):
-    by_vertex, by_face = np.arange(len(SPHERE.vertices)), np.arange(len(SPHERE.faces))
-    for values in (by_vertex, by_face):
-        for shading in ("flat", "smooth"):
-            figure = gr.plot.meshes([SPHERE], values=[values], shading=shading)
-            assert len(figure.axes) == 2
-            assert figure.axes[1].get_ylim() == (0, values.max())
-    plain = drawn(tmp_path, [SPHERE])
-    for constant in (np.zeros(len(SPHERE.vertices)), np.full((len(SPHERE.vertices), 3), [0.80, 0.79, 0.76])):
-        picture = drawn(tmp_path, [SPHERE], values=[constant])
-        assert covered(picture).any()
-    assert np.abs(picture - plain).max() <= 1  # the colour that is taken without values, rounded once more
+@pytest.mark.parametrize("shading", ["flat", "smooth"])
+@pytest.mark.parametrize("n", [len(SPHERE.vertices), len(SPHERE.faces)], ids=["by vertex", "by face"])
+def test_numbers_are_drawn_with_a_bar(n, shading):
+    figure = gr.plot.meshes([SPHERE], values=[np.arange(n)], shading=shading)
+    assert len(figure.axes) == 2
+    assert figure.axes[1].get_ylim() == (0, n - 1)
 
 
-def test_edges_are_darker(tmp_path):
-    for shading in ("flat", "smooth"):
-        plain, lined = (drawn(tmp_path, [BOX], shading=shading, edges=edges) for edges in (False, True))
-        assert (plain - lined).max() > 40  # of about 190; measured 54, a thin line
+def test_one_number_or_colour_everywhere_is_drawn(tmp_path):
+    n = len(SPHERE.vertices)
+    assert covered(drawn(tmp_path, [SPHERE], values=[np.zeros(n)])).any()
+    coloured = drawn(tmp_path, [SPHERE], values=[np.full((n, 3), [0.80, 0.79, 0.76])])
+    assert covered(coloured).any()
+    # the colour that is taken without values, rounded once more
+    assert np.abs(coloured - drawn(tmp_path, [SPHERE])).max() <= 1
+
+
+@pytest.mark.parametrize("shading", ["flat", "smooth"])
+def test_edges_are_darker(tmp_path, shading):
+    plain, lined = (drawn(tmp_path, [BOX], shading=shading, edges=edges) for edges in (False, True))
+    assert (plain - lined).max() > 40  # of about 190; measured 54, a thin line
 
 
 @pytest.mark.parametrize(

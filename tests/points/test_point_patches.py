@@ -17,14 +17,18 @@ WAVES = np.stack([U, V, np.sin(0.8 * U)], axis=1)
 INSIDE = (X > 3) & (X < 16) & (Y > 3) & (Y < 16)
 
 
-def test_patches_do_not_depend_on_the_coordinates():
+@pytest.mark.parametrize("channels", [None, 1, 3])
+def test_patches_do_not_depend_on_the_coordinates(channels):
     turn = np.linalg.qr(RNG.normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    for values in (None, np.cos(U), RNG.random((400, 3))):
-        one = gr.point_patches(WAVES, values)
-        two = gr.point_patches(WAVES @ turn + [3, 4, 5], values)
-        assert one.shape == (400, 9 * (3 if np.ndim(values) == 2 else 1))
-        assert_allclose(two, one, atol=1e-9)
+    values = {None: None, 1: np.cos(U), 3: RNG.random((400, 3))}[channels]
+    one = gr.point_patches(WAVES, values)
+    two = gr.point_patches(WAVES @ turn + [3, 4, 5], values)
+    assert one.shape == (400, 9 * (channels or 1))
+    assert_allclose(two, one, atol=1e-9)
+
+
+def test_patches_go_with_order_and_scale():
     order = RNG.permutation(400)
     assert_allclose(gr.point_patches(WAVES[order]), gr.point_patches(WAVES)[order], atol=1e-9)
     # heights are in the units of the coordinates
@@ -94,12 +98,14 @@ def test_values_by_patches_keep_more(device):
     [np.zeros((1, 3)), np.zeros((2, 3)), np.zeros((40, 3)), np.stack([X[:40]] * 3, 1), np.r_[WAVES[:50], WAVES[:50]]],
     ids=["one", "two", "all the same", "a line", "twice"],
 )
-def test_degenerate_clouds(points):
-    for values in (None, np.arange(len(points)), np.ones((len(points), 2))):
-        patches = gr.point_patches(points, values)
-        assert len(patches) == len(points) and np.isfinite(patches).all()
-        graph = gr.patch_knn_graph(points, values, k=2)
-        assert graph.n_vertices == len(points)
+@pytest.mark.parametrize("channels", [None, 1, 2])
+def test_degenerate_clouds(points, channels):
+    n = len(points)
+    values = {None: None, 1: np.arange(n), 2: np.ones((n, 2))}[channels]
+    patches = gr.point_patches(points, values)
+    assert len(patches) == n and np.isfinite(patches).all()
+    graph = gr.patch_knn_graph(points, values, k=2)
+    assert graph.n_vertices == n
 
 
 @pytest.mark.parametrize(

@@ -81,25 +81,33 @@ def test_curves_in_the_plane():
     assert gr.estimate_point_noise(noisy) == pytest.approx(0.01, rel=0.25)
 
 
-def test_noise_is_estimated():
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
+def test_noise_is_estimated(share):
     """Within what points spread by chance allow: the median of 2562 residuals of 17 points, see its Notes."""
-    for share in (0.1, 0.25, 0.5):
-        noisy = CLEAN + np.random.default_rng(5).normal(0, share * SPACING, CLEAN.shape)
-        assert gr.estimate_point_noise(noisy) / SPACING == pytest.approx(share, rel=0.25)
+    noisy = CLEAN + np.random.default_rng(5).normal(0, share * SPACING, CLEAN.shape)
+    assert gr.estimate_point_noise(noisy) / SPACING == pytest.approx(share, rel=0.25)
+
+
+def test_no_noise_is_estimated_where_none_is():
     assert gr.estimate_point_noise(CLEAN) < 0.05 * SPACING
 
 
-def test_what_is_held_stays():
-    fixed = np.zeros(len(NOISY), bool)
-    fixed[::7] = True
-    found = gr.denoise_points(NOISY, fixed=fixed)
-    assert np.array_equal(found[fixed], NOISY[fixed])
-    assert (found[~fixed] != NOISY[~fixed]).any(axis=1).mean() > 0.99
-    lam = np.where(fixed, np.inf, 20.0)
-    for filter in ("normals", "positions"):
-        found = gr.denoise_points(NOISY, lam=lam, filter=filter)
-        assert np.array_equal(found[fixed], NOISY[fixed])
-        assert (found[~fixed] != NOISY[~fixed]).any(axis=1).mean() > 0.99
+FIXED = np.arange(len(NOISY)) % 7 == 0
+BY_LAM = np.where(FIXED, np.inf, 20.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"fixed": FIXED}, {"lam": BY_LAM, "filter": "normals"}, {"lam": BY_LAM, "filter": "positions"}],
+    ids=["fixed", "lam, normals", "lam, positions"],
+)
+def test_what_is_held_stays(options):
+    found = gr.denoise_points(NOISY, **options)
+    assert np.array_equal(found[FIXED], NOISY[FIXED])
+    assert (found[~FIXED] != NOISY[~FIXED]).any(axis=1).mean() > 0.99
+
+
+def test_what_has_no_noise_stays_and_a_cap_holds():
     assert np.array_equal(gr.denoise_points(NOISY, lam=np.inf), NOISY)
     assert np.array_equal(gr.denoise_points(NOISY, sigma=0), NOISY)
     capped = gr.denoise_points(NOISY, max_displacement=0.1 * SPACING)

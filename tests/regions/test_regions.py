@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cases
 import numpy as np
 import pytest
@@ -45,10 +47,9 @@ def test_every_pixel_is_in_one_connected_zone(device, metric, shape, channels):
     assert found.percent == pytest.approx(100 * found.n_regions / np.prod(shape))
     cells = image.reshape(-1, channels or 1).astype(float)
     flat = found.labels.ravel()
-    for i in range(found.n_regions):
-        mean = cells[flat == i].mean(axis=0)
-        assert found.models[i] == pytest.approx(mean, abs=1e-10)
-        assert np.abs(found.fine.reshape(-1, channels or 1)[flat == i] - mean).max() <= 0.5 + 1e-9
+    means = np.stack([cells[flat == i].mean(axis=0) for i in range(found.n_regions)])
+    assert found.models == pytest.approx(means, abs=1e-10)
+    assert np.abs(found.fine.reshape(-1, channels or 1) - means[flat]).max() <= 0.5 + 1e-9
     assert sum(found.seconds.values()) > 0
     assert set(found.seconds) == {"sources", "partition", "graph", "models", "regularization"}
 
@@ -157,7 +158,7 @@ def test_borders_and_sizes_make_the_energy_of_the_painted_image(p):
     graph, grid = fine.graph, gr.GridGraph(image.shape, 1, "cityblock")
     lam, eps = 0.7, 0.0
     mean = graph.sizes.mean()
-    energies = []
+    painted, summed = [], []
     for seed in (1, 2):
         values = fine.models[:, 0] + cases.rng(seed).normal(0, 5, fine.n_regions)
         settings = {"p": p, "eps": eps, "norm": "edge"}
@@ -171,11 +172,10 @@ def test_borders_and_sizes_make_the_energy_of_the_painted_image(p):
             **HOST,
         )
         on_pixels = gr.operators.energy(values[fine.labels], image, grid, lam=lam / mean, **settings, **HOST)
-        energies.append((on_regions, on_pixels))
-    inside = lam / mean / 2 * ((image - fine.fine) ** 2).sum()
-    for on_regions, on_pixels in energies:
-        # sums of 700 terms in float64, of powers that are a few roundings off
-        assert on_regions + inside == pytest.approx(on_pixels, rel=1e-12)
+        summed.append(on_regions + lam / mean / 2 * ((image - fine.fine) ** 2).sum())
+        painted.append(on_pixels)
+    # sums of 700 terms in float64, of powers that are a few roundings off
+    assert summed == pytest.approx(painted, rel=1e-12)
 
 
 @pytest.mark.parametrize("weights", ["similarity", "constant", "border", gr.weights.bilateral(4.0, 20.0)])
@@ -233,20 +233,19 @@ def test_merged_regions_are_unions_of_neighbours_whose_values_met():
     assert found.merged(1e9).n_regions == 1
 
 
-def test_merging_keeps_medians_and_sources():
+@pytest.mark.parametrize("model", ["median", "source"])
+def test_merging_keeps_medians_and_sources(model):
     image = picture()
-    for model in ("median", "source"):
-        found = gr.simplify_image(image, model=model, smooth=0)
-        coarse = found.merged(20.0)
-        assert coarse.n_regions < found.n_regions
-        if model == "median":
-            assert coarse.models[:, 0] == pytest.approx(
-                ndimage.median(image, coarse.labels, np.arange(coarse.n_regions))
-            )
-        else:
-            seeds = gr.sources.extrema(image, gr.GridGraph(image.shape, 1, "cityblock"))
-            inside = np.where(seeds >= 0, coarse.labels, -1)
-            assert coarse.models[:, 0] == pytest.approx(ndimage.mean(image, inside, np.arange(coarse.n_regions)))
+    found = gr.simplify_image(image, model=model, smooth=0)
+    coarse = found.merged(20.0)
+    assert coarse.n_regions < found.n_regions
+    if model == "median":
+        expected = ndimage.median(image, coarse.labels, np.arange(coarse.n_regions))
+    else:
+        seeds = gr.sources.extrema(image, gr.GridGraph(image.shape, 1, "cityblock"))
+        inside = np.where(seeds >= 0, coarse.labels, -1)
+        expected = ndimage.mean(image, inside, np.arange(coarse.n_regions))
+    assert coarse.models[:, 0] == pytest.approx(expected)
 
 
 def test_a_hierarchy_is_nested():
@@ -256,9 +255,9 @@ def test_a_hierarchy_is_nested():
     counts = [fine.n_regions, *(level.n_regions for level in levels)]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] < counts[0]
-    for before, after in zip((fine, *levels), levels, strict=False):
-        pairs = np.unique(np.stack([before.labels.ravel(), after.labels.ravel()]), axis=1)
-        assert pairs.shape[1] == before.n_regions
+    flat = [level.labels.ravel() for level in (fine, *levels)]
+    pairs = [np.unique(np.stack([before, after]), axis=1) for before, after in itertools.pairwise(flat)]
+    assert [found.shape[1] for found in pairs] == counts[:-1]
     with pytest.raises(ValueError, match=r"lam must decrease from one value to the next, got \[1.0, 1.0\]"):
         fine.hierarchy(lam=[1, 1], merge_tol=1)
 
@@ -314,8 +313,8 @@ def test_colours_and_picture(tmp_path):
     assert colours.shape == (24, 31, 3)
     assert np.array_equal(colours, found.random_colours(0))
     assert not np.array_equal(colours, found.random_colours(1))
-    for i in range(0, found.n_regions, 7):
-        assert len(np.unique(colours[found.labels == i], axis=0)) == 1
+    some = range(0, found.n_regions, 7)
+    assert [i for i in some if len(np.unique(colours[found.labels == i], axis=0)) != 1] == []
     pytest.importorskip("matplotlib")
     figure = found.plot(path=tmp_path / "out.png")
     assert [axes.get_title() for axes in figure.axes] == ["image", "partition", "fine", "regularized"]

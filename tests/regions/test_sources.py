@@ -21,31 +21,29 @@ def test_extrema_are_those_of_the_definition(name, height):
     V = range(graph.n_vertices) if inside is None else np.flatnonzero(inside.ravel()).tolist()
     f = cases.rng(19).integers(0, height, graph.n_vertices)
     minima, maxima = paper_zones.regional_extrema(V, E, dict(enumerate(f.tolist())))
-    for kind, wanted in (
-        ("minima", minima),
-        ("maxima", maxima),
-        ("both", minima + [m for m in maxima if m not in minima]),
-    ):
-        labels = gr.sources.extrema(f, graph, kind=kind, backend="numpy").ravel()
-        # in the order of their first vertices
-        assert [set(np.flatnonzero(labels == i)) for i in range(labels.max() + 1)] == sorted(wanted, key=min)
+    wanted = {"minima": minima, "maxima": maxima, "both": minima + [m for m in maxima if m not in minima]}
+    found = {kind: gr.sources.extrema(f, graph, kind=kind, backend="numpy").ravel() for kind in wanted}
+    # in the order of their first vertices
+    assert {
+        kind: [set(np.flatnonzero(labels == i)) for i in range(labels.max() + 1)] for kind, labels in found.items()
+    } == {kind: sorted(extrema, key=min) for kind, extrema in wanted.items()}
 
 
 @pytest.mark.one_driver
+@pytest.mark.parametrize("kind", ["minima", "maxima"])
 @pytest.mark.parametrize(
     ("shape", "metric"), [((23, 31), "cityblock"), ((23, 31), "chebyshev"), ((5, 6, 7), "chebyshev")]
 )
-def test_extrema_are_those_of_scikit_image(device, shape, metric):
+def test_extrema_are_those_of_scikit_image(device, shape, metric, kind):
     morphology = pytest.importorskip("skimage.morphology")
     f = cases.rng(23).integers(0, 5, shape)
     connectivity = 1 if metric == "cityblock" else len(shape)
     grid = gr.GridGraph(shape, 1, metric)
-    for kind, peer in (("minima", morphology.local_minima), ("maxima", morphology.local_maxima)):
-        expected = peer(f, connectivity=connectivity)
-        labels = gr.sources.extrema(f, grid, kind=kind, backend=device)
-        structure = ndimage.generate_binary_structure(len(shape), connectivity)
-        assert np.array_equal(labels >= 0, expected)
-        assert labels.max() + 1 == ndimage.label(expected, structure)[1]
+    expected = getattr(morphology, f"local_{kind}")(f, connectivity=connectivity)
+    labels = gr.sources.extrema(f, grid, kind=kind, backend=device)
+    structure = ndimage.generate_binary_structure(len(shape), connectivity)
+    assert np.array_equal(labels >= 0, expected)
+    assert labels.max() + 1 == ndimage.label(expected, structure)[1]
 
 
 def test_extrema_of_several_channels_are_those_of_their_mean():
