@@ -180,7 +180,7 @@ def swinging() -> dict[str, tuple[gr.Graph | gr.GridGraph, object, dict[str, obj
         "stored": (four.to_graph(), 0, {}, True),
         "odd cycle": (gr.Graph.from_edges([[0, 1], [1, 2], [0, 2]]), 0, {}, False),
         "one edge of weight 0": (gr.Graph.from_edges([[0, 1]], [0.0]), 0, {}, False),
-        "not an edge": (gr.Graph([0, 0, 0], []), 0, {}, False),
+        "no edge": (gr.Graph([0, 0, 0], []), 0, {}, False),
     }
 
 
