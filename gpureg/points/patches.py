@@ -173,7 +173,7 @@ def patch_knn_graph(
         raise ValueError(f"among must be an integer >= k = {k}, got {among!r}")
     local = knn_graph(x, 1 if len(x) < 2 else min(k, len(x) - 1), symmetrize=symmetrize, reach=reach)
     if features is not None and values is not None:
-        raise ValueError("features are compared instead of values: leave one of them out")
+        raise ValueError("features are compared instead of values: leave values out")
     rows = point_patches(cloud.points, values) if features is None else checked_points(features, "features")
     if len(rows) != len(x):
         raise ValueError(f"features must have {len(x)} rows, one per point, got {len(rows)}")

@@ -222,7 +222,7 @@ def test_out_may_be_in(noisy):
         (["--sigma", "-1"], 2, "sigma must be finite and >= 0"),
         (["--filter", "edges"], 2, "'edges' is not one of"),
         (["--taubin"], 2, 'needs filter="positions"'),
-        (["--taubin", "--filter", "positions", "--p", "1"], 2, "knows no p"),
+        (["--taubin", "--filter", "positions", "--p", "1"], 2, "has no p"),
         (["--weights", "cotangent"], 2, "needs --filter positions"),
         (["--values", "colours"], 1, "it has none"),
         (["--values", "colours", "--filter", "positions"], 2, "leave --filter out"),

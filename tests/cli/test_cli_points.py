@@ -122,7 +122,7 @@ def test_pictures(noisy):
     drawn = [np.asarray(Image.open(name).convert("L"), float) for name in ("both.png", "clusters.png")]
     assert min(picture.std() for picture in drawn) > 10
     gr.write_points("ten.csv", RNG.normal(size=(40, 10)))
-    failed(run("ten.csv", "no.csv", "--sigma", 1, "--picture", "no.png"), 2, "these have 10 coordinates")
+    failed(run("ten.csv", "no.csv", "--sigma", 1, "--picture", "no.png"), 2, "2 or 3 coordinates, these have 10")
     assert not {"no.csv", "no.png"} & files()
 
 
@@ -155,7 +155,7 @@ def test_wrong_files(noisy):
     failed(run(noisy, "out.las"), 1, "the extension of points must be one of")
     failed(run(noisy, "nowhere/out.ply"), 1, "nowhere")
     gr.write_points("flat.csv", BLOBS)
-    failed(run("flat.csv", "out.ply"), 1, "three coordinates, these have 2")
+    failed(run("flat.csv", "out.ply"), 1, "three coordinates, got 2")
     failed(run(noisy, "noisy2.ply", "--reference", "noisy2.ply"), 1, "no such file")
     gr.write_points("clean.ply", CLEAN)
     failed(run(noisy, "clean.ply", "--reference", "clean.ply"), 2, "would overwrite clean.ply, which is read")

@@ -93,7 +93,7 @@ def test_polygons_without_much_inside():
 
 WRONG = [
     (lambda: gr.skeleton(np.stack([np.arange(9.0), np.arange(9.0)], axis=1)), "on one line"),
-    (lambda: gr.skeleton(np.ones((9, 3))), "of the plane"),
+    (lambda: gr.skeleton(np.ones((9, 3))), "in the plane"),
     (lambda: gr.skeleton(ellipse(20), detail=-1), "detail must be"),
     (lambda: gr.skeleton(ellipse(2)), "needs 3"),
 ]

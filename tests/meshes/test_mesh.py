@@ -376,7 +376,7 @@ WRONG = [
     (lambda: gr.segment_mesh(MESH, met_at=1.0), TypeError, "segment_mesh: 'met_at' is called merge_tol now"),
     (lambda: gr.segment_mesh(MESH, lam=1.0), ValueError, "lam must be a list of fidelities"),
     (lambda: gr.denoise_mesh(MESH, taubin=True), ValueError, 'needs filter="positions"'),
-    (lambda: gr.denoise_mesh(MESH, filter="positions", taubin=True, lam=1), ValueError, "knows no p, lam"),
+    (lambda: gr.denoise_mesh(MESH, filter="positions", taubin=True, lam=1), ValueError, "has no p, lam"),
     (lambda: gr.denoise_mesh(MESH, sigma=-1), ValueError, "sigma must be finite and >= 0"),
     (lambda: gr.denoise_mesh(MESH, max_displacement="far"), TypeError, "must be a number"),
     (lambda: gr.denoise_mesh(MESH, values=np.ones(5)), ValueError, f"{N}"),

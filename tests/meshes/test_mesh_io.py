@@ -178,7 +178,7 @@ BROKEN = {
     "far.obj": (SQUARE + "f 1 2 9\n", "damaged, truncated or no OBJ"),
     "nan.obj": (SQUARE.replace("1 1 0", "1 nan 0") + "f 1 2 3\n", "must be finite, row 2"),
     "points.obj": (SQUARE, "has no face"),
-    "two.obj": (SQUARE + "usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n", "holds 2 meshes"),
+    "two.obj": (SQUARE + "usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n", "contains 2 meshes"),
     "cut.off": (WHOLE[".off"][:-7], "its last face is"),
     "lines.off": (WHOLE[".off"][:1000], "announces 42 vertices and 80 faces, and has"),
     "points.off": ("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "has no face"),

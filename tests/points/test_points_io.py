@@ -185,8 +185,8 @@ def test_files_that_are_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("name", "points", "columns", "words"),
     [
-        ("a.ply", POINTS[:, :2], {}, "three coordinates, these have 2"),
-        ("a.xyz", POINTS[:, :1], {}, "three coordinates, these have 1"),
+        ("a.ply", POINTS[:, :2], {}, "three coordinates, got 2"),
+        ("a.xyz", POINTS[:, :1], {}, "three coordinates, got 1"),
         ("a.csv", POINTS[0], {}, "must be numbers of shape"),
         ("a.csv", POINTS, {"a": np.ones(3)}, "must have 50 rows"),
         ("a.csv", POINTS, {"a": np.ones((50, 2))}, "one number per point and column"),
