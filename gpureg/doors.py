@@ -21,6 +21,9 @@ T = TypeVar("T")
 # Name of the public function that the user called, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
+# Marks an error that a function of the caller raised.
+_THEIRS = "_raised_by_a_function_of_the_caller"
+
 RENAMED: dict[str, dict[str, str]] = {
     "denoise_image": {"nearest": "k"},
     "denoise_nl_means": {"a": "patch_sigma"},
@@ -98,7 +101,7 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
         try:
             return function(*args, **given)
         except (TypeError, ValueError) as error:
-            if type(error) in (TypeError, ValueError) and len(error.args) == 1:
+            if type(error) in (TypeError, ValueError) and len(error.args) == 1 and not hasattr(error, _THEIRS):
                 said = str(error.args[0])
                 if not said.startswith((f"{called}:", f"{called}()", f"{called}.__init__()")):
                     error.args = (f"{called}: {said}",)
@@ -156,5 +159,18 @@ def without_names() -> Iterator[None]:
     token = _called.set("")
     try:
         yield
+    finally:
+        _called.reset(token)
+
+
+@contextmanager
+def calling_back() -> Iterator[None]:
+    """Call a function of the caller, such as a callback: its errors stay as they are."""
+    token = _called.set(None)
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        setattr(error, _THEIRS, True)
+        raise
     finally:
         _called.reset(token)

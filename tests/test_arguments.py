@@ -201,3 +201,13 @@ def test_an_old_name_gets_the_new_one(function, old, new):
     where = getattr(getattr(room, owner), method) if method else getattr(room, owner)
     with pytest.raises(TypeError, match=rf"^{function}: '{old}' is called {re.escape(new)} now"):
         where(**{old: 1})
+
+
+def test_an_error_of_a_callback_stays_as_it_is():
+    def callback(check):
+        raise ValueError("no more")
+
+    with pytest.raises(ValueError, match=r"^no more$"):
+        gr.regularize(F0, GRAPH, callback=callback, **ON)
+    with pytest.raises(ValueError, match=r"^knn_graph: k must be >= 1, got 0$"):
+        gr.denoise_image(IMAGE, p=1, callback=lambda check: gr.knn_graph(CLOUD, 0), **ON)

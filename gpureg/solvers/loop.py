@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array, Backend
+from ..doors import calling_back
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
@@ -273,7 +274,8 @@ def run(
             return of.get_function(now)
 
         check = Check(done, course.energies[-1], course.changes[-1], course.gaps[-1], value)
-        answer = callback(check)
+        with calling_back():
+            answer = callback(check)
         # only True (also numpy's) stops the run, and no other return value
         return isinstance(answer, bool | np.bool_) and bool(answer)
 
