@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,7 +133,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ShapeReport:
+class ShapeReport(ABC):
     """The report on a shape.
 
     Attributes
@@ -178,17 +179,17 @@ class ShapeReport:
             f"done     {self.seconds:.2f} s{on}{f'; {size}' if size else ''} -> {self.output}",
         ]
 
+    @abstractmethod
     def _told(self) -> dict[str, Any]:
         """Return the report for JSON, without the files."""
-        raise NotImplementedError
 
     def _noise(self) -> list[str]:
         """Return the line on the noise, or no line."""
         return []
 
+    @abstractmethod
     def _found(self) -> list[str]:
         """Return the lines on the result."""
-        raise NotImplementedError
 
     def _size(self) -> str:
         """Return the size of the shape."""

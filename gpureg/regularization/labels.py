@@ -13,12 +13,14 @@ from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.problem import Norm, uses_degrees
-from ..solvers import Solver
+from ..model.problem import uses_degrees
 from ..weights import Weights
 from .harmonic import harmonic
-from .options import RUN, Run
+from .options import MODEL, Model
 from .regularize import regularize
+
+# The defaults of :func:`propagate_labels` for the options of the model and the run.
+_OPTIONS: dict[str, Any] = MODEL | {"norm": "edge", "tol": 1e-6}
 
 
 @overload
@@ -29,22 +31,18 @@ def propagate_labels(
 def propagate_labels(
     labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[True], **settings: Any
 ) -> tuple[IntArray, FloatArray]: ...
-@door(options=RUN)  # type: ignore[misc]  # the overloads leave the settings to this one
+@door(options=_OPTIONS)  # type: ignore[misc]  # the overloads leave the settings to this one
 def propagate_labels(
     labels: npt.ArrayLike,
-    graph: AnyGraph,
+    graph: GraphLike,
     *,
     p: float = 3.0,
     weights: Weights | npt.ArrayLike | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
-    norm: Norm = "edge",
-    eps: float | None = None,
     balance: bool = False,
     return_scores: bool = False,
-    solver: str | Solver = "jacobi",
     max_iter: int = 5000,
-    tol: float | None = 1e-6,
-    **options: Unpack[Run],
+    **options: Unpack[Model],
 ) -> IntArray | tuple[IntArray, FloatArray]:
     """Label all vertices of a graph from the labels of a few (semi-supervised classification).
 
@@ -142,15 +140,11 @@ def propagate_labels(
         lam=np.where(known, np.inf, 0.0),
         weights=weights,
         gamma=gamma,
-        norm=norm,
         # one conductance for all classes, and therefore one linear system: the values still sum to 1
         coupled=True,
-        eps=eps,
-        solver=solver,
         max_iter=max_iter,
-        tol=tol,
         initial=start,
-        **options,
+        **{**_OPTIONS, **options},
     ).value
     scores[~reached] = 0
     if balance:

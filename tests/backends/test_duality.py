@@ -114,7 +114,7 @@ def test_dot(oracle, setting, over):
 @pytest.mark.parametrize("over", ["number", "column", "some infinite", "infinite", "each"])
 @pytest.mark.parametrize("place", [None, 0, 1], ids=["into another", "into x", "into y"])
 def test_combine(oracle, setting, over, place):
-    """The same; the output in the place of either input."""
+    """The same, written to either input."""
     s, by = setting, setting.lams[over]
     overs = s.functions(np.broadcast_to(by, s.f.shape).astype(float))
     expected = s.form.case.array(duality.combine(s.V, -0.75, s.functions(s.f), 1.5, s.functions(s.f0), overs))
