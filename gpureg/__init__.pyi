@@ -31,6 +31,7 @@ from .meshes.writing import write_mesh
 from .model.memory import memory_needed
 from .model.result import Interrupted, Result, Stop
 from .noise.photon import PhotonNoise, estimate_photon_noise
+from .noise.report import ChannelNoise, NoiseReport, describe_noise
 from .noise.white import estimate_noise
 from .points.cluster import cluster_points
 from .points.denoise import denoise_points, estimate_point_noise
@@ -49,6 +50,7 @@ from .solvers import Certified, Check, Euler, Jacobi
 __all__ = [
     "BackendUnavailable",
     "Certified",
+    "ChannelNoise",
     "Check",
     "CurveError",
     "CurveInFile",
@@ -62,6 +64,7 @@ __all__ = [
     "MeshError",
     "MeshFile",
     "MeshSegmentation",
+    "NoiseReport",
     "Path",
     "PhotonNoise",
     "PointsError",
@@ -81,6 +84,7 @@ __all__ = [
     "denoise_nl_means",
     "denoise_points",
     "denoise_tv",
+    "describe_noise",
     "energy_partition",
     "estimate_mesh_noise",
     "estimate_noise",

@@ -1,4 +1,4 @@
-"""Measure noise in planes and volumes of an image."""
+"""Split an image into the planes and volumes in which its noise is measured."""
 
 from __future__ import annotations
 
@@ -11,35 +11,60 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import all_finite, unmasked
+from .steps import Flags
 
-# Share of the pixels that is measured, the smoothest ones, and the smallest number of them.
-SMOOTHEST, AT_LEAST = 0.1, 200
-_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
-# An image is a volume, not a stack of planes, if its third last axis has at least this length.
+# Three axes are a volume, not a stack of planes, if the first of them has at least this length.
 _THICK = 8
 # Images of more pixels are measured in evenly spread tiles, about 2^22 pixels in all: for each number of axes, the
-# number of tiles along an axis, and their side.
+# number of tiles along an axis, and their side. Tiles start at multiples of 8, the side of the blocks of a JPEG.
 LARGE, TILES = 1 << 22, {2: (8, 256), 3: (4, 40)}
-# Side of the window in which texture is averaged, for each number of axes.
-WINDOW = {2: 7, 3: 5}
-Block = tuple[npt.NDArray[Any], npt.NDArray[np.bool_] | None]
+_GRID = 8
+# Of a series, evenly spread planes or volumes are measured: at least this number, and about so many pixels.
+FEWEST, MOST = 16, 1 << 22
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """The measures of a part of a block, arrays of its shape: smoothed values, Immerkaer's response, texture, mask."""
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A plane, a volume, or several tiles of one.
 
-    smooth: npt.NDArray[np.float64]
-    response: npt.NDArray[np.float64]
-    texture: npt.NDArray[np.float64]
-    valid: npt.NDArray[np.bool_]
+    Attributes
+    ----------
+    values : (b, ...) array
+        The tiles, one after the other; b is 1 for a whole plane or volume.
+    inside : (b, ...) bool array or None
+        True at the pixels that count; None for all.
+    """
+
+    values: npt.NDArray[Any]
+    inside: Flags | None = None
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes along which neighbours are compared: all but the first."""
+        return tuple(range(1, self.values.ndim))
+
+    @property
+    def good(self) -> Flags:
+        """True at the finite pixels inside the mask."""
+        finite = np.isfinite(self.values) if self.values.dtype.kind == "f" else np.ones(self.values.shape, bool)
+        return finite if self.inside is None else finite & self.inside
 
 
-def blocks(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None) -> Iterator[Iterator[Block]]:
-    """Check an image, and yield for each channel its planes or volumes with a pixel inside the mask."""
+def channels_of(
+    image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None
+) -> tuple[list[npt.NDArray[Any]], Flags | None]:
+    """Check an image, and return its channels and its mask.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Fewer than two axes, values that are not real and finite inside the mask, a mask of another shape.
+    """
     array = unmasked(image, "image")
     if array.dtype.kind not in "biuf":
         raise TypeError(f"image must hold real numbers, got {array.dtype}")
+    if array.dtype.kind == "b":
+        array = array.astype(np.uint8)
     channels = [array] if channel_axis is None else list(np.moveaxis(array, channel_axis, 0))
     if not channels or channels[0].ndim < 2:
         raise ValueError(f"image must have two or more axes besides the channels, got shape {array.shape}")
@@ -47,86 +72,76 @@ def blocks(image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike |
     inside = None if mask is None else np.asarray(mask, bool)
     if inside is not None and inside.shape != shape:
         raise ValueError(f"mask must have the image's shape {shape}, got {inside.shape}")
-    thick = len(shape) > 2 and shape[-3] >= _THICK
-
-    def blocks(channel: npt.NDArray[Any]) -> Iterator[Block]:
-        cut = channel.reshape(-1, *shape[-3 if thick else -2 :])
-        masks = [None] * len(cut) if inside is None else inside.reshape(cut.shape)
-        for block, kept in zip(cut, masks, strict=True):
-            known = block if kept is None else block[kept]
-            if not all_finite(known):
-                raise ValueError("image must be finite inside the mask")
-            if known.size:
-                yield block, kept
-
-    return (blocks(channel) for channel in channels)
+    for channel in channels:
+        if not all_finite(channel if inside is None else channel[inside]):
+            raise ValueError("image must be finite inside the mask")
+    return channels, inside
 
 
-def samples(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-    """Yield the parts of a block to measure: the whole block, or tiles of a large one."""
+def measured_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the axes of a plane or a volume; shorter axes than 3 cannot be measured, others form a stack."""
+    usable = [axis for axis, size in enumerate(shape) if size >= 3]
+    thick = len(usable) > 2 and shape[usable[-3]] >= _THICK
+    return tuple(usable[-3 if thick else -2 :])
+
+
+def blocks(channel: npt.NDArray[Any], inside: Flags | None) -> list[Iterator[Block]]:
+    """Return the planes or volumes of a channel, each as an iterator that yields one block if a pixel counts.
+
+    About 2^22 pixels of a series are measured, in at least 16 evenly spread planes.
+    """
+    if inside is not None:
+        if not inside.any():
+            return []
+        box = tuple(_extent(inside, axis) for axis in range(inside.ndim))
+        channel, inside = channel[box], None if inside[box].all() else inside[box]
+    axes = measured_axes(channel.shape)
+    last = tuple(range(-len(axes), 0))
+    moved = np.moveaxis(channel, axes, last) if axes else channel[..., None]
+    kept = None if inside is None else (np.moveaxis(inside, axes, last) if axes else inside[..., None])
+    if len(axes) < 2:
+        # single rows hold too few pixels to be measured one by one
+        rows, known = moved.reshape(-1, moved.shape[-1]), None if kept is None else kept.reshape(-1, moved.shape[-1])
+        step = max(1, rows.size // LARGE)
+        return [iter((Block(rows[::step], None if known is None else known[::step]),))]
+    stack = moved.shape[: -len(axes)]
+    count, size = math.prod(stack), math.prod(moved.shape[-len(axes) :])
+    some = min(count, max(FEWEST, MOST // size))
+    chosen = sorted({count * i // some + count // (2 * some) for i in range(some)})
+    places = [np.unravel_index(i, stack) if stack else () for i in chosen]
+    return [_block(moved[place], None if kept is None else kept[place]) for place in places]
+
+
+def _extent(inside: Flags, axis: int) -> slice:
+    """Return the smallest slice of an axis that holds every True."""
+    at = np.flatnonzero(inside.any(axis=tuple(other for other in range(inside.ndim) if other != axis)))
+    return slice(int(at[0]), int(at[-1]) + 1)
+
+
+def _block(values: npt.NDArray[Any], inside: Flags | None) -> Iterator[Block]:
+    """Yield a plane or volume, or evenly spread tiles of a large one, if a pixel counts."""
+    if inside is not None and not inside.any():
+        return
+    parts = list(tiles(values.shape))
+    if len(parts) == 1:
+        yield Block(values[None], None if inside is None else inside[None])
+        return
+    kept = [part for part in parts if inside is None or inside[part].any()]
+    if kept:
+        known = None if inside is None else np.stack([inside[part] for part in kept])
+        yield Block(np.stack([values[part] for part in kept]), known)
+
+
+def tiles(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+    """Yield the parts of a plane or volume to measure: all of it, or tiles of a large one."""
     if math.prod(shape) <= LARGE:
         yield tuple(slice(0, size) for size in shape)
         return
-    tiles, side = TILES[len(shape)]
-    starts = [sorted({(size - min(size, side)) * i // (tiles - 1) for i in range(tiles)}) for size in shape]
+    number, side = TILES[len(shape)]
+    sides = [min(size, side) for size in shape]
+    starts = [
+        sorted({(size - own) * i // (number - 1) // _GRID * _GRID for i in range(number)})
+        for size, own in zip(shape, sides, strict=True)
+    ]
     for corner in np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, len(shape)).tolist():
-        yield tuple(slice(begin, begin + side) for begin in corner)
-
-
-def top(block: npt.NDArray[Any], kept: npt.NDArray[np.bool_] | None) -> float:
-    """Return the largest value inside the mask."""
-    return float((block if kept is None else block[kept]).max())
-
-
-def block_sigma(block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> float:
-    """Estimate the standard deviation of the noise in a plane or a volume."""
-    low = float((block if mask is None else block[mask]).min())
-    responses, textures = [], []
-    for part in measured(block, mask, (low, top(block, mask))):
-        if not part.valid.any() and block.size <= LARGE:
-            # A tiny picture, or one of few values. Repeated values are not noise, since values of noise differ.
-            if (mask is None or mask.all()) and np.unique(block).size > block.size // 4:
-                inner = part.response[(slice(1, -1),) * block.ndim]
-                return float(np.median(np.abs(inner)) / 0.6744897501960817)  # the median of |x| for a standard normal x
-            return 0.0
-        responses.append(part.response[part.valid])
-        textures.append(part.texture[part.valid])
-    response, texture = np.concatenate([*responses, []]), np.concatenate([*textures, []])
-    if not response.size:
-        return 0.0
-    return float(np.sqrt(np.mean(response[smoothest(texture, SMOOTHEST)] ** 2)))
-
-
-def smoothest(texture: npt.NDArray[np.float64], share: float) -> npt.NDArray[np.intp]:
-    """Return the indices of this share of the pixels, but at least AT_LEAST, with the weakest texture (n,)."""
-    count = max(int(share * texture.size), min(AT_LEAST, texture.size))
-    return np.argpartition(texture, min(count, texture.size - 1))[:count]
-
-
-def measured(
-    block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None, extremes: tuple[float, float]
-) -> Iterator[_Measured]:
-    """Yield the measures of all parts; pixels near a pixel with a value of `extremes` do not count."""
-    from scipy import ndimage
-
-    if min(block.shape) < 3:
-        return
-    for part in samples(block.shape):
-        values = block[part].astype(np.float64)
-        kept = np.ones(values.shape, bool) if mask is None else mask[part]
-        if not kept.any():
-            continue
-        values = np.where(kept, values, values[kept].mean())
-        # The mask is the outer product of second differences, each of l2 norm sqrt(6).
-        response: Any = values
-        for axis in range(values.ndim):
-            response = ndimage.correlate1d(response, _SECOND_DIFFERENCE, axis)
-        smooth = ndimage.gaussian_filter(values, 1.0)
-        slopes = (ndimage.correlate1d(smooth, (-0.5, 0.0, 0.5), axis) for axis in range(values.ndim))
-        window = WINDOW[values.ndim]
-        texture = ndimage.uniform_filter(sum(slope**2 for slope in slopes), window)
-        left_out = np.isin(values, extremes) | ~kept
-        valid = np.zeros(values.shape, bool)
-        inner = (slice(1, -1),) * values.ndim  # the mask needs all neighbours
-        valid[inner] = ~ndimage.maximum_filter(left_out, window)[inner]
-        yield _Measured(smooth, response / 6.0 ** (values.ndim / 2), texture, valid)
+        yield tuple(slice(begin, begin + own) for begin, own in zip(corner, sides, strict=True))

@@ -10,11 +10,9 @@ import numpy.typing as npt
 
 from ..checks import number
 from ..doors import door
-from .blocks import AT_LEAST, SMOOTHEST, blocks, measured, smoothest, top
+from .blocks import blocks, channels_of
+from .survey import measured_with_growth
 from .white import check_channel_axis
-
-# Number of classes of brightness in which photon noise is measured, and of fits of their line.
-_CLASSES, _FITS = 48, 30
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def estimate_photon_noise(
     Raises
     ------
     TypeError, ValueError
-        As :func:`estimate_noise`; also an image with fewer than 200 pixels to measure, or of one brightness only.
+        As :func:`estimate_noise`; also an image with fewer than 2400 pixels to measure, or of one brightness only.
 
     Notes
     -----
@@ -82,10 +80,10 @@ def estimate_photon_noise(
 
         variance = gain (mean - offset) + read_noise^2.
 
-    Mean and variance (from Immerkaer's response) are measured in classes of brightness, where texture is weakest. The
-    line is fitted to them with weights from the scatter (the variance of a variance of n samples is 2/n of its square)
-    and Huber's weights for outliers. Its value at `offset` is read_noise^2, an extrapolation for images without dark
-    regions. Saturated pixels are left out. If the camera clips at 0, its zeros look like pixels without noise.
+    Mean and variance (from Immerkaer's response) are measured in 24 classes of brightness with equal numbers of pixels,
+    each where texture is weakest. The line is fitted to them with weights from the scatter and Huber's weights for
+    outliers. Its value at `offset` is read_noise^2, an extrapolation for images without dark regions. Areas of equal
+    values, impulses and the surroundings of clipped values are left out.
 
     Examples
     --------
@@ -99,52 +97,15 @@ def estimate_photon_noise(
     """
     offset = number("offset", offset)
     check_channel_axis(image, channel_axis)
-    parts = []
-    for channel in blocks(image, channel_axis, mask):
-        for block, kept in channel:
-            for part in measured(block, kept, (math.inf, top(block, kept))):
-                valid = part.valid
-                parts.append(np.stack([part.smooth[valid], part.response[valid] ** 2, part.texture[valid]]))
-    mean, square, texture = np.concatenate(parts, axis=1) if parts else np.empty((3, 0))
-    if mean.size < AT_LEAST:
-        raise ValueError(f"{mean.size} pixels are left to measure, at least {AT_LEAST} are needed: use a larger image")
-    means, variances, counts = _classes(mean, square, texture)
-    if len(means) < 2:
-        raise ValueError("the image has one brightness only, which does not say how noise grows with the light")
-    gain, level = _line(means, variances, counts)
+    channels, inside = channels_of(image, channel_axis, mask)
+    passed = measured_with_growth([block for c in channels for part in blocks(c, inside) for block in part])
+    found = passed.growth
+    if found is None:
+        fields = [part.fields for part in passed.parts if part.fields is not None]
+        pixels = sum(int(np.count_nonzero(each.valid)) for each in fields)
+        raise ValueError(
+            f"{pixels} pixels are left to measure: at least 2400 of several brightnesses are needed, not in areas of "
+            "equal values and not clipped"
+        )
+    gain, level = (found.slope, found.level) if found.slope > 0 else (0.0, found.mean_variance)
     return PhotonNoise(gain, math.sqrt(max(level + gain * offset, 0.0)), float(offset))
-
-
-def _classes(
-    mean: npt.NDArray[np.float64], square: npt.NDArray[np.float64], texture: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return mean, variance and number of pixels, (k,) each, of classes of brightness, where texture is weakest."""
-    # Equal steps of the square root, in which photon noise is constant.
-    root = np.sqrt(mean - mean.min())
-    edges = np.linspace(0, root.max(), _CLASSES + 1)[1:-1]
-    of = np.searchsorted(edges, root, side="right")
-    found = []
-    for each in range(_CLASSES):
-        members = np.flatnonzero(of == each)
-        if members.size >= AT_LEAST:
-            chosen = members[smoothest(texture[members], 2 * SMOOTHEST)]
-            found.append((mean[chosen].mean(), square[chosen].mean(), float(chosen.size)))
-    return tuple(np.array(found).reshape(-1, 3).T)
-
-
-def _line(
-    means: npt.NDArray[np.float64], variances: npt.NDArray[np.float64], counts: npt.NDArray[np.float64]
-) -> tuple[float, float]:
-    """Fit the photon transfer line robustly to classes of brightness; return its slope >= 0 and its level."""
-    weights = np.ones(len(means))
-    slope = level = 0.0
-    for _ in range(_FITS):
-        slope, level = np.polyfit(means, variances, 1, w=np.sqrt(weights)).tolist()
-        if slope < 0:
-            slope, level = 0.0, float(np.average(variances, weights=weights))
-        model = np.maximum(slope * means + level, 1e-3 * variances.max() + np.finfo(float).tiny)
-        scatter = model * np.sqrt(2 / counts)
-        off = np.abs(variances - model) / scatter
-        spread = max(1.0, float(np.median(off)) / 0.6744897501960817)
-        weights = np.minimum(1, 1.345 * spread / np.maximum(off, 1e-12)) / scatter**2
-    return float(slope), float(level)

@@ -1,0 +1,82 @@
+"""Find areas of exactly equal values: they hold no noise, and say nothing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .steps import Array, Flags, along
+
+# Side of a cube of equal values, for numbers and for integers; counts that are mostly 0 get larger cubes, until this
+# share of the pixels is left.
+_SIDE, _SIDE_OF_INTEGERS, _LARGEST, _ENOUGH = 2, 3, 25, 0.95
+
+
+def equal_cubes(values: Array, side: int, axes: Sequence[int]) -> Flags:
+    """Return the cells inside a cube of this side along the axes whose values are exactly equal.
+
+    A morphological opening: the running maximum equals the running minimum, dilated back. NaN equals nothing.
+    """
+    high = low = values
+    ndim = values.ndim
+    for axis in axes:
+        own = min(side, values.shape[axis])
+        many = values.shape[axis] - own + 1
+        above, below = high[along(axis, 0, many, ndim)], low[along(axis, 0, many, ndim)]
+        for i in range(1, own):
+            above = np.maximum(above, high[along(axis, i, many + i, ndim)])
+            below = np.minimum(below, low[along(axis, i, many + i, ndim)])
+        high, low = above, below
+    corner = high == low
+    found = np.zeros(values.shape, bool)
+    if not corner.any():
+        return found
+    found[tuple(slice(0, size) for size in corner.shape)] = corner
+    for axis in axes:
+        grown = found.copy()
+        for i in range(1, min(side, values.shape[axis])):
+            grown[along(axis, i, None, ndim)] |= found[along(axis, None, -i, ndim)]
+        found = grown
+    return found
+
+
+def flat_areas(values: Array, good: Flags, axes: Sequence[int], *, whole: bool, counts: bool = False) -> Flags:
+    """Return the cells in areas of equal values.
+
+    Parameters
+    ----------
+    values, good : array, bool array
+        The values, and which of them count.
+    axes : sequence of int
+    whole : bool
+        Whether the values are whole numbers, of which some are equal by chance.
+    counts : bool, default False
+        Whether they are counts, of which many are 0 by chance.
+    """
+    known: npt.NDArray[Any] = values
+    if not good.all():
+        known = np.where(good, values, np.nan)
+    side = _SIDE_OF_INTEGERS if whole else _SIDE
+    found = equal_cubes(known, side, axes) & good
+    if counts and not np.any(found & (values > 0)):
+        enough = _ENOUGH * np.count_nonzero(good)
+        while side < _LARGEST and np.count_nonzero(good & ~found) <= enough:
+            side += 4
+            found = equal_cubes(known, side, axes) & good
+    return found
+
+
+def written_twice(values: Array, axes: Sequence[int]) -> int | None:
+    """Return the axis along which every value is written twice, as nearest-neighbour enlargement does."""
+    for axis in axes:
+        index = list(along(axis, 0, values.shape[axis] // 2 * 2, values.ndim))
+        even = values[tuple(index)]
+        pairs = [list(along(axis, None, None, values.ndim)) for _ in range(2)]
+        for first, pair in enumerate(pairs):
+            pair[axis] = slice(first, None, 2)
+        if np.array_equal(even[tuple(pairs[0])], even[tuple(pairs[1])]):
+            return axis
+    return None

@@ -1,0 +1,378 @@
+"""Measure the noise of one plane or volume: :func:`measure`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .blocks import Block
+from .flat import flat_areas, written_twice
+from .graphs import MEDIAN
+from .impulses import Scene, extremes, find_impulses, lone_pixels
+from .steps import (
+    Array,
+    Flags,
+    all_three,
+    along,
+    box_mean,
+    dilated,
+    doubled,
+    gradient_energy,
+    halved,
+    inner,
+    median_of_three,
+    second_difference,
+    smallest,
+    smoothed,
+)
+
+State = Literal["measured", "no noise", "cannot tell"]
+# Share of the pixels that is measured, the smoothest ones, and the smallest number of them.
+SMOOTHEST, AT_LEAST = 0.1, 1000
+# Fewest pixels for the product of second differences, for second differences along one axis, and for any estimate.
+_PRODUCT, _TRIPLES, FEWEST = 400, 30, 50
+# The noise over the median distance to the median of 3 x 3: 1.15 for Gaussian noise.
+_OF_MEDIAN = 1.15 / MEDIAN
+# Pixels with a value at an end of the range count as clipped if they are this many, or this share.
+_CLIPPED, _CLIPPED_SHARE = 5, 1e-4
+# A value of floating-point numbers that this share of a sample has was put there: it is left out like a clipped one.
+_REPEATED = 5e-4
+# Whole numbers from 0 whose mean is smaller are counts of which many are 0. A rare large count is no impulse: this is
+# added to the bound.
+_FEW_COUNTS, _RARE_COUNT = 4.0, 6.0
+# Single pixels in areas of equal values are looked for if these have more than a share, and said from another.
+_MOSTLY_FLAT, _LONE = 0.2, 1e-3
+# If they leave less than this share of the other pixels, there is no noise besides them.
+_LEFT = 0.4
+# A second pass is made if the impulses of more than this share of the pixels change.
+_CHANGED = 2e-3
+# Standard error of sigma times the square root of the number of pixels (Monte Carlo: 0.8 to 1.6 in a plane).
+_ERROR = 1.4
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """The arrays behind a measure, (b, ...) each, in units of `scale` above `offset`.
+
+    Attributes
+    ----------
+    values : float32 array
+        The values; impulses are replaced by the median of their neighbourhood.
+    smooth, texture, gradient : float32 arrays
+        The values smoothed by (1 4 6 4 1)/16, the mean energy of their gradient in a window, and at each pixel.
+    usable, centres : bool arrays
+        True at pixels with noise, and at those of them that are not near a clipped value.
+    response, valid : float array, bool array
+        Product of second differences, with a deviation of 6^(d/2) sigma, and where it is valid; 2 shorter along each
+        measured axis.
+    impulses : bool array
+    axes : tuple of int
+    sigma, scale, offset : float
+        The noise in units of `scale`, the contrast, and the median of the values.
+    low, high : float
+        The smallest and the largest value, in the image's units.
+    """
+
+    values: Array
+    smooth: Array
+    texture: Array
+    gradient: Array
+    usable: Flags
+    centres: Flags
+    response: Array
+    valid: Flags
+    impulses: Flags
+    axes: tuple[int, ...]
+    sigma: float
+    scale: float
+    offset: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The noise of one plane or volume.
+
+    Attributes
+    ----------
+    state : {"measured", "no noise", "cannot tell"}
+    why : str
+        The reason of the state, if it is not "measured".
+    sigma : float
+        Standard deviation of the noise, in the image's units; NaN if it cannot be told.
+    count, pixels : int
+        Number of pixels that were measured, and of those that count.
+    texture : float
+        Energy of the gradient where it was measured, over sigma^2: .03 for pure noise, more than .09 if texture is
+        everywhere and sigma is an upper bound.
+    censored : bool
+        Whether clipped values could not be left out: sigma is a lower bound.
+    flat, impulses, clipped_low, clipped_high, repeated : float
+        Shares of the pixels: in areas of equal values, impulses, at the ends of the range, with a value that many have.
+    salt : bool
+        Whether the impulses are salt and pepper.
+    lone : bool
+        Whether the impulses stand in areas of equal values, and there is nothing else.
+    sparse : bool
+        Whether the values are counts of less than 1 on average.
+    fields : Fields or None
+        The arrays behind it, if it was measured.
+    """
+
+    state: State
+    why: str = ""
+    sigma: float = math.nan
+    count: int = 0
+    pixels: int = 0
+    texture: float = math.nan
+    censored: bool = False
+    flat: float = 0.0
+    impulses: float = 0.0
+    clipped_low: float = 0.0
+    clipped_high: float = 0.0
+    repeated: float = 0.0
+    salt: bool = False
+    lone: bool = False
+    sparse: bool = False
+    fields: Fields | None = field(default=None, repr=False)
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error of sigma, relative to sigma."""
+        return _ERROR / math.sqrt(self.count) if self.count else math.inf
+
+
+def measure(block: Block, line: tuple[float, float] | None = None) -> Measured:
+    """Measure the noise of a block.
+
+    The smoothest tenth of the pixels is measured with the product of second differences along all axes. Areas of equal
+    values, impulses and the surroundings of clipped values are left out. ``FEWEST`` pixels are needed.
+
+    Parameters
+    ----------
+    block : Block
+    line : (slope, level), optional
+        The noise has the variance slope * value + level, which tells impulses from noise that is stronger where it is
+        bright; None if it is white.
+    """
+    good, axes = block.good, block.axes
+    pixels = int(np.count_nonzero(good))
+    if pixels < FEWEST:
+        return Measured("cannot tell", f"only {pixels} pixels count", pixels=pixels)
+    if max(block.values.shape[1:]) < 3:
+        return Measured("cannot tell", "no axis has three pixels", pixels=pixels)
+    return _Measuring(block.values, good, pixels, axes).measured(line)
+
+
+class _Measuring:
+    """The work of :func:`measure` on one block."""
+
+    def __init__(self, exact: npt.NDArray[Any], good: Flags, pixels: int, axes: tuple[int, ...]) -> None:
+        self.exact, self.good, self.pixels, self.axes = exact, good, pixels, axes
+        self.complete = bool(good.all())
+        known = exact.ravel() if self.complete else exact[good]
+        self.sample = known[:: max(1, pixels // 16384)]
+        self.low, self.high = float(known.min()), float(known.max())
+        self.whole = exact.dtype.kind in "iu" or bool(np.all(self.sample == np.round(self.sample)))
+        some = self.sample.astype(np.float64)
+        self.offset = float(np.median(some))
+        below, above = np.percentile(some, [5, 95])
+        self.scale = float(above - below) or float(some.std()) or 1.0
+        self.values = self._scaled()
+        self.counts = self.whole and self.low == 0 and float(some.mean()) < _FEW_COUNTS
+        self.flat = flat_areas(exact, good, axes, whole=self.whole, counts=self.counts)
+        self.usable = good & ~self.flat
+        self.medians = self.values
+        for axis in axes[-2:]:
+            self.medians = median_of_three(self.medians, axis)
+
+    def _scaled(self) -> Array:
+        """Return the values in units of the contrast; missing ones are means of those around them."""
+        kind = self.exact.dtype
+        # the difference of two float32 numbers is exact enough; tiny and huge ones would underflow
+        narrow = (kind.kind in "iu" and kind.itemsize < 4) or (kind.itemsize <= 4 and 1e-30 < self.scale < 1e30)
+        values: npt.NDArray[Any] = self.exact.astype(np.float32 if narrow else np.float64)
+        values = (values - values.dtype.type(self.offset)) / values.dtype.type(self.scale)
+        if self.complete:
+            return values.astype(np.float32, copy=False)
+        values = np.where(self.good, values, 0).astype(np.float32, copy=False)
+        total, weight = values.copy(), self.good.astype(np.float32)
+        for side in (3, 5, 9):
+            sides = [1] + [side] * len(self.axes)
+            sums, counts = box_mean(total, sides), box_mean(weight, sides)
+            new = (weight == 0) & (counts > 1e-6)
+            values = np.where(new, sums / np.maximum(counts, 1e-6), values)
+            total, weight = np.where(new, values, total), np.where(new, np.float32(1), weight)
+            if weight.all():
+                break
+        return values
+
+    def measured(self, line: tuple[float, float] | None = None) -> Measured:
+        """Return the measure, in two passes if the impulses depend on the noise, as :func:`measure` describes."""
+        sparse = self.counts and float(self.sample.mean()) < 1
+        flat = np.count_nonzero(self.flat) / self.pixels
+        shares: dict[str, Any] = {"pixels": self.pixels, "flat": flat, "sparse": sparse}
+        extreme = extremes(self.exact, self.good, self.low, self.high) if self.whole else None
+        least = _RARE_COUNT / self.scale if self.counts else 0.0
+        scene = Scene(self.values, self.medians, self.usable, extreme, self.axes[-2:], least)
+        if shares["flat"] > _MOSTLY_FLAT and not self.counts:
+            lone = lone_pixels(scene)
+            if np.count_nonzero(lone) > _LONE * self.pixels:
+                before = np.count_nonzero(self.usable)
+                self.usable = self.usable & ~lone
+                scene = replace(scene, usable=self.usable)
+                if np.count_nonzero(self.usable) < _LEFT * before:
+                    share = np.count_nonzero(lone) / self.pixels
+                    why = "there are only areas of equal values and single pixels"
+                    return Measured("no noise", why, 0.0, **shares, impulses=share, lone=True)
+        step = max(1, self.values.size // 65536)
+        distances = np.abs(self.values - self.medians).ravel()[::step][self.usable.ravel()[::step]]
+        if np.count_nonzero(self.usable) < FEWEST or not distances.size:
+            return self._only_flat(shares)
+        nonzero = distances[distances > 0]
+        first = float(np.median(nonzero)) * _OF_MEDIAN if nonzero.size else 0.0
+        impulses, salt = np.zeros(self.good.shape, bool), False
+        if first > 0:
+            impulses, salt = find_impulses(scene, first if line is None else self._of_line(line, first))
+        found = self._estimate(impulses)
+        if line is None and found is not None and found[0].sigma > 0 and first > 0:
+            again, salt_again = find_impulses(scene, min(found[0].sigma, first))
+            if np.count_nonzero(again ^ impulses) > _CHANGED * self.pixels:
+                second = self._estimate(again)
+                if second is not None:
+                    found, impulses, salt = second, again, salt_again
+        if found is None:
+            return Measured("cannot tell", "no pixel has neighbours that count", **shares)
+        fields, count, texture, more = found
+        shares |= more
+        shares["impulses"] = np.count_nonzero(impulses) / self.pixels
+        if fields.sigma == 0:
+            why = "neighbouring values do not differ" if texture == 0 else "no second difference"
+            return Measured("no noise", why, 0.0, count, **shares)
+        return Measured(
+            "measured", "", fields.sigma * self.scale, count, texture=texture, salt=salt, fields=fields, **shares
+        )
+
+    def _of_line(self, line: tuple[float, float], first: float) -> Array:
+        """Return the standard deviation of noise that grows with the signal, at least a fifth of `first`."""
+        slope, level = line
+        variance = (slope * (self.medians * self.scale + self.offset) + level) / self.scale**2
+        return np.sqrt(np.maximum(variance, 0.04 * first**2))
+
+    def _only_flat(self, shares: dict[str, Any]) -> Measured:
+        """Return the measure of a block of areas of equal values."""
+        axis = written_twice(self.exact, self.axes)
+        if axis is not None and np.unique(self.sample).size > self.sample.size // 16:
+            return Measured("cannot tell", "every pixel is written twice, as an enlargement does", **shares)
+        return Measured("no noise", "there are only areas of equal values", 0.0, **shares)
+
+    def _estimate(self, impulses: Flags) -> tuple[Fields, int, float, dict[str, Any]] | None:
+        """Measure without these impulses; None if no pixel has neighbours that count."""
+        axes, usable = self.axes, self.usable & ~impulses
+        values = np.where(impulses, self.medians, self.values)
+        centres, shares = self._centres(usable, impulses)
+        share = 1.0 if self.counts and shares["censored"] else SMOOTHEST
+        smooth = smoothed(values, axes)
+        gradient = gradient_energy(smooth, axes)
+        texture = self._texture(gradient, usable)
+        response: Array = values
+        valid = usable
+        for axis in axes:
+            response, valid = second_difference(response, axis), all_three(valid, axis)
+        valid = valid & inner(centres, axes)
+        enough = _PRODUCT if len(axes) > 1 else 100
+        if np.count_nonzero(valid) >= enough:
+            sigma, count, middle = _rms(response, valid, inner(texture, axes), share, 6.0 ** len(axes))
+        else:
+            single = self._along_one_axis(values, usable, centres, texture, share)
+            if single is None:
+                return None
+            sigma, count, middle = single
+        energy = middle / max(sigma, 1e-30) ** 2 if middle > 0 else 0.0
+        fields = Fields(
+            values, smooth, texture, gradient, usable, centres, response, valid, impulses, axes, sigma, self.scale,
+            self.offset, self.low, self.high,
+        )  # fmt: skip
+        return fields, count, energy, shares
+
+    def _centres(self, usable: Flags, impulses: Flags) -> tuple[Flags, dict[str, Any]]:
+        """Return the usable pixels that are not near a clipped or repeated value, and the shares of these."""
+        clipped = np.zeros(usable.shape, bool)
+        shares: dict[str, Any] = {"censored": False}
+        least = max(_CLIPPED, _CLIPPED_SHARE * self.pixels)
+        for value, name in ((self.low, "clipped_low"), (self.high, "clipped_high")):
+            at = (self.exact == value) & self.good & ~impulses
+            count = np.count_nonzero(at)
+            shares[name] = count / self.pixels
+            if count >= least:
+                clipped |= at
+        if not self.whole:
+            found, counts = np.unique(self.sample, return_counts=True)
+            often = found[counts >= max(5, _REPEATED * self.sample.size)]
+            if often.size:
+                at = np.isin(self.exact, often) & self.good & ~impulses
+                shares["repeated"] = np.count_nonzero(at & ~clipped & ~self.flat) / self.pixels
+                clipped |= at
+        clipped &= ~self.flat
+        if not clipped.any():
+            return usable, shares
+        apart = usable & ~dilated(clipped, 3 if len(self.axes) < 3 else 2, self.axes)
+        if np.count_nonzero(apart) >= max(0.003 * self.pixels, _PRODUCT):
+            return apart, shares
+        return usable, shares | {"censored": True}
+
+    def _texture(self, gradient: Array, usable: Flags) -> Array:
+        """Return the mean energy of the gradient in windows of 6 pixels, of 5 in volumes; infinite where unknown.
+
+        In a plane it is computed from means of pairs of pixels, in a quarter of the time; in a volume that would take
+        edges for smooth places.
+        """
+        axes = self.axes
+        plane = len(axes) < 3
+        window = [1] + [3 if plane else 5] * len(axes)
+
+        def mean(values: Array) -> Array:
+            return box_mean(halved(values, axes) if plane else values, window)
+
+        if usable.all():
+            found = mean(gradient)
+        else:
+            present = mean(usable.astype(np.float32))
+            total = mean(gradient * usable)
+            found = np.where(present > 0.05, total / np.maximum(present, 0.05), np.inf).astype(np.float32)
+        return doubled(found, gradient.shape, axes) if plane else found
+
+    def _along_one_axis(
+        self, values: Array, usable: Flags, centres: Flags, texture: Array, share: float
+    ) -> tuple[float, int, float] | None:
+        """Measure second differences along single axes, or differences of two neighbours; the smallest counts."""
+        found = []
+        for axis in self.axes:
+            valid = all_three(usable, axis) & inner(centres, (axis,))
+            if np.count_nonzero(valid) >= _TRIPLES:
+                found.append(_rms(second_difference(values, axis), valid, inner(texture, (axis,)), share, 6.0))
+        if found:
+            return min(found)
+        ndim = values.ndim
+        for axis in range(ndim):
+            if values.shape[axis] > 1:
+                one, other = along(axis, 1, None, ndim), along(axis, None, -1, ndim)
+                steps = np.abs(values[one] - values[other])[usable[one] & usable[other]]
+                if steps.size >= _TRIPLES:
+                    found.append((float(np.median(steps)) / MEDIAN / math.sqrt(2), int(steps.size), 0.0))
+        return min(found) if found else None
+
+
+def _rms(response: Array, valid: Flags, texture: Array, share: float, energy: float) -> tuple[float, int, float]:
+    """Return sigma, the number of pixels and their median texture, from the smoothest share of the valid pixels."""
+    at = np.flatnonzero(valid)
+    of = texture.ravel()[at]
+    count = max(int(share * at.size), min(AT_LEAST, at.size // 2))
+    chosen = smallest(of, count)
+    squares = response.ravel()[at[chosen]].astype(np.float64) ** 2
+    return math.sqrt(float(squares.mean()) / energy), int(chosen.size), float(np.median(of[chosen]))
