@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from ..doors import door
+from ..doors import door, warn
+from ..graphs.grid import GridGraph
+from ..noise.report import NoiseReport
 from ..tuning.fidelity import LamMethod, choose_lam
 from ..weights import Bilateral, patch_weights
 from .course import Course
 from .fidelity import fidelity_of
 from .guides import contrast
 from .kinds import follow_from_noise, named_weights, weights_of
-from .noise import Noise, noise_of
+from .noise import Noise, levels_of, noise_of
 from .options import CHOICE, Choice, check_choice
 from .plan import DenoisePlan
+from .prepare import prepared
 from .raster import Raster
-from .run import expect_one_sweep, solve
+from .run import expect_one_sweep, may_squeeze, solve
 from .window import window_of
+
+# Noise of an image of integers above this is more than rounding.
+_ROUNDING = 0.32
+# Areas of equal values are left out if they have more than this share.
+_FLAT = 0.01
 
 
 @door(options=CHOICE)
@@ -80,16 +89,84 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     """
     asked = cast("Choice", CHOICE | options)
     raster = Raster.of(image, asked["channel_axis"], asked["mask"])
-    check_choice(asked, raster.shape)
+    check_choice(asked, raster)
+    if raster.thin_axes and may_squeeze(asked["weights"], asked["guide"]):
+        asked, raster = _squeezed(asked, raster), raster.without_thin_axes()
     noise = noise_of(raster, asked["sigma"], needed=follow_from_noise(asked))
-    given, why_given = named_weights(asked, noise, raster)
+    given, _ = named_weights(asked, noise, raster)
     course = Course.of(asked, given)
+    # sigma="photon" is measured even if nothing depends on it
     if course.needs_noise:
         noise = noise.found(raster)
-    spread = contrast(raster) if course.chooses or course.search is not None else 1.0
+    if noise.report is not None and noise.estimated:
+        _say(noise.report)
+    if raster.channels > 1 and _depends_on_noise(asked, course):
+        groups, same = noise.groups(raster)
+        if len(groups) > 1 or len(set(same)) < len(same):
+            plans = tuple((group, _plan(raster.only(group), asked, noise.of(group))) for group in groups)
+            first = plans[0][1]
+            return replace(
+                first, sigma=noise.sigma, sigmas=noise.sigmas or (), groups=plans, same=same, report=noise.report
+            )
+    return _plan(raster, asked, noise)
+
+
+def _squeezed(asked: Choice, raster: Raster) -> Choice:
+    """Return the options for the image without its thin axes."""
+    changed: dict[str, Any] = {}
+    thin, inner = raster.thin_axes, raster.without_thin_axes()
+    if asked["spacing"] is not None:
+        # also a check of the given spacing
+        sizes = GridGraph(raster.shape, max(asked["spacing"], default=1.0), spacing=asked["spacing"]).spacing or ()
+        changed["spacing"] = tuple(size for axis, size in enumerate(sizes) if axis not in thin)
+    lam, sigma = asked["lam"], asked["sigma"]
+    if lam is not None and not isinstance(lam, str) and np.ndim(lam) > 0:
+        changed["lam"] = np.reshape(lam, inner.shape)
+    if isinstance(sigma, np.ndarray | Sequence) and not isinstance(sigma, str):
+        values = np.asarray(sigma)
+        if raster.channel_axis is not None and values.shape == raster.values.shape:
+            changed["sigma"] = np.moveaxis(values, raster.channel_axis, -1).reshape(inner.values.shape)
+        elif values.ndim > 0 and (raster.channel_axis is None or values.shape != (raster.channels,)):
+            changed["sigma"] = np.broadcast_to(values, raster.shape).reshape(inner.shape)
+    return cast("Choice", {**asked, **changed})
+
+
+def _say(report: NoiseReport) -> None:
+    """Warn of noise that cannot be removed or told."""
+    for sentence in report.warnings():
+        warn(sentence)
+    for index, channel in enumerate(report.channels):
+        if channel.state == "cannot tell":
+            which = "" if len(report.channels) == 1 else f" of channel {index}"
+            warn(f"the noise{which} cannot be told ({channel.why}), and no noise is removed: give sigma")
+
+
+def _depends_on_noise(asked: Choice, course: Course) -> bool:
+    """Return whether the parameters come from the noise, so that the channels may be denoised by themselves."""
+    weights = asked["weights"]
+    by_rule = weights is None or isinstance(weights, str)
+    plain = asked["guide"] is None and (asked["lam"] is None or isinstance(asked["lam"], str) or course.chooses)
+    return by_rule and plain and (course.needs_noise or follow_from_noise(asked))
+
+
+def _plan(raster: Raster, asked: Choice, noise: Noise) -> DenoisePlan:
+    """Return the plan for channels that are denoised together."""
+    noise = levels_of(raster, noise)
+    units = noise.units
+    own = replace(noise, sigmas=(1.0,) * raster.channels) if units is not None else noise
+    given, why_given = named_weights(asked, own, raster)
+    course = Course.of(asked, given)
+    if not course.chooses and not follow_from_noise(asked) and asked["lam"] is not None:
+        units, own = None, noise
+    why_idle = noise.without(raster) if course.chooses else None
+    idle = why_idle is not None
+    if idle and noise.estimated and why_idle is not None and noise.level > _ROUNDING:
+        warn(f"{why_idle}: it is returned as it is; give it as floating-point numbers to denoise it")
+    spread, flat = 1.0, 0.0
+    if not idle and (course.chooses or course.search is not None):
+        spread, flat = contrast(raster, noise, units)
     if not (math.isfinite(noise.level) and math.isfinite(spread)):
         raise ValueError("the image's values are too large to tell signal from noise: rescale them")
-    idle = course.chooses and noise.is_negligible(raster, spread)
     window, why_window = window_of(
         raster.shape,
         radius=asked["radius"],
@@ -98,11 +175,14 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
         local=course.local,
         wide=10.0 if given is None else 7.0,
     )
-    rule, why_weights = weights_of(asked, raster, noise, spread, window.spacing, course, given, idle=idle)
-    fidelity, why_fidelity = fidelity_of(asked, raster, noise, course, rule.lam, idle=idle)
+    rule, why_weights = weights_of(asked, raster, own, spread, window.spacing, course, given, idle=idle)
+    fidelity, why_fidelity = fidelity_of(asked, raster, own, course, rule.lam, idle=idle, units=units)
     why = why_weights | why_fidelity | why_given
+    if why_idle is not None:
+        why["idle"] = why_idle
     if asked["radius"] is None:
         why["window"] = why_window
+    follows = course.chooses or follow_from_noise(asked) or asked["lam"] is None
     plan = DenoisePlan(
         sigma=noise.sigma,
         estimated=noise.estimated,
@@ -119,12 +199,18 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
         average_patches=False if rule.average_radius is None else "weighted",
         average_radius=rule.average_radius,
         k=None if idle else asked["k"],
+        sigmas=noise.sigmas or (),
+        photon=(noise.photon or ()) if follows else (),
+        impulses=noise.impulses if follows and any(noise.impulses) else (),
+        units=units or (),
+        leaves_flat=course.chooses and course.filters and not idle and flat > _FLAT,
+        report=noise.report,
         reasons=why,
     )
     plan = _with_the_pixel_itself(plan, asked)
     if course.search is None or plan.max_iter == 0:
         return plan
-    return _searched(plan, raster, asked, course.search, noise, spread, fidelity.start)
+    return _searched(plan, raster, asked, course.search, own, spread, fidelity.start)
 
 
 def _with_the_pixel_itself(plan: DenoisePlan, asked: Choice) -> DenoisePlan:
@@ -162,7 +248,8 @@ def _searched(
     start: float,
 ) -> DenoisePlan:
     """Return the plan with the lam that a search finds."""
-    pixels = raster.pixels(asked["dtype"])
+    ready = prepared(plan, raster, raster.pixels(asked["dtype"]))
+    pixels = ready.pixels
     run: dict[str, Any] = {
         "solver": asked["solver"],
         "backend": asked["backend"],
@@ -171,7 +258,7 @@ def _searched(
     }
 
     def denoise(y: npt.NDArray[Any], lam: float) -> npt.NDArray[Any]:
-        return solve(replace(plan, lam=lam), y, raster.inside, **run).value
+        return solve(replace(ready.plan, lam=lam), y, ready.inside, **run).value
 
     white = 255.0 if raster.values.dtype == np.uint8 else spread
     found, how = choose_lam(

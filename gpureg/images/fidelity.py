@@ -40,7 +40,14 @@ class Fidelity:
 
 
 def fidelity_of(
-    asked: Choice, raster: Raster, noise: Noise, course: Course, of_weights: float, *, idle: bool
+    asked: Choice,
+    raster: Raster,
+    noise: Noise,
+    course: Course,
+    of_weights: float,
+    *,
+    idle: bool,
+    units: tuple[float, ...] | None = None,
 ) -> tuple[Fidelity, dict[str, str]]:
     """Choose the fidelity, with reasons; `of_weights` is the lam of a filter, and an `idle` plan does nothing.
 
@@ -74,8 +81,11 @@ def fidelity_of(
         if lam is None and asked["k"] is not None:
             start = 3.1 * noise.level ** (degree - 2)
         elif lam is None:
+            values = raster.values
+            if units is not None:
+                values = np.moveaxis(raster.cells / np.asarray(units), -1, raster.channel_axis or 0)
             start = lam_rule(
-                raster.values,
+                values,
                 noise.level,
                 degree,
                 channel_axis=raster.channel_axis,
@@ -93,7 +103,8 @@ def fidelity_of(
         if asked["norm"] == "edge":
             chosen = float(np.asarray(chosen)) * _EDGE_NORM
             why["lam"] += f", {_EDGE_NORM} of it: edge norm"
-        if noise.profile is not None:
+        profile = noise.combined()
+        if profile is not None:
             # the weight of a datum is the inverse of its variance
-            chosen = np.asarray(chosen, np.float64) / noise.profile.reshape(raster.shape) ** 2
+            chosen = np.asarray(chosen, np.float64) / profile.reshape(raster.shape) ** 2
     return Fidelity(chosen, default if asked["max_iter"] is None else asked["max_iter"], tol, start), why

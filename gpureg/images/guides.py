@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +12,10 @@ import numpy.typing as npt
 
 from ..arrays import unmasked
 from ..graphs.grid import GridGraph
+from ..noise.survey import spans_of
 from ..weights import Patch, Smoothed, Weights, guided, patch_weights
+from .noise import Noise
 from .raster import Raster
-
-# Number of pixels filtered at a time.
-_BAND = 1 << 22
 
 
 def filled(f0: npt.NDArray[Any], inside: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
@@ -63,21 +63,21 @@ def guided_by(
     return guided(weights, values.reshape(grid.n_vertices, -1))
 
 
-def contrast(raster: Raster) -> float:
-    """Estimate the range of the image without noise: the range of a copy smoothed by a Gaussian, over all channels."""
-    from scipy import ndimage
+def contrast(raster: Raster, noise: Noise, units: Sequence[float] | None = None) -> tuple[float, float]:
+    """Estimate the range of the image without noise, over all channels in their units, and the share of equal values.
 
-    cells = raster.cells
-    kind: Any = np.float64 if cells.dtype.itemsize > 4 else np.float32
-    if raster.inside is not None:
-        cells = filled(cells.astype(kind), raster.inside)
-    # Bands of rows, extended by the radius of the filter, give the same values with less memory.
-    spread, reach = 2.0, 8
-    band = max(1, _BAND // max(1, cells[0].size))
-    low, high = math.inf, -math.inf
-    for first in range(0, len(cells), band):
-        start, end = max(0, first - reach), min(len(cells), first + band + reach)
-        part: Any = cells[start:end].astype(kind, copy=False)
-        smooth = ndimage.gaussian_filter(part, (spread,) * (cells.ndim - 1) + (0.0,))[first - start :][:band]
-        low, high = min(low, float(smooth.min())), max(high, float(smooth.max()))
-    return high - low
+    The range is that of a smoothed copy between the percentiles 0.2 and 99.8, where there is noise: areas of equal
+    values and impulses do not count.
+    """
+    report = noise.report
+    if report is None or len(report.channels) != raster.channels or not report.spans:
+        ends, flat = spans_of(raster.values, raster.channel_axis, raster.inside)
+    else:
+        ends, flat = report.spans, min(channel.flat for channel in report.channels)
+    known = [(low / unit, high / unit) for (low, high), unit in zip(ends, units or (1.0,) * len(ends), strict=True)]
+    known = [(low, high) for low, high in known if math.isfinite(low) and high > low]
+    if not known:
+        return 0.0, flat
+    if units is not None:
+        return max(high - low for low, high in known), flat
+    return max(high for _, high in known) - min(low for low, _ in known), flat

@@ -41,7 +41,8 @@ def named_weights(asked: Choice, noise: Noise, raster: Raster) -> tuple[Weights 
     h, value = asked["h"], asked["sigma_value"]
     if (value if kind == "bilateral" else h) is None and noise.level == 0:
         return None, {}
-    of_each = 1.0 if noise.profile is None else noise.profile
+    profile = noise.combined()
+    of_each = 1.0 if profile is None else profile
     if kind == "bilateral":
         in_space, in_value = "given", "given"
         reach = asked["sigma_space"]
@@ -89,7 +90,7 @@ def weights_of(
         h = noise.level * math.sqrt(raster.channels * (2 * radius + 1) ** raster.ndim)
         return NonlocalRule(patch(radius, h, sigma=noise.level), 2.0, None), why
     rule = nonlocal_rule(
-        noise.level, spread, raster.channels, raster.ndim, spacing, noise.profile, asked["patch_radius"]
+        noise.level, spread, raster.channels, raster.ndim, spacing, noise.combined(), asked["patch_radius"]
     )
     if asked["guide"] is not None:
         rule = rule._replace(weights=for_a_guide(rule.weights))

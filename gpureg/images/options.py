@@ -16,7 +16,9 @@ from ..solvers import Solver
 from ..tuning.fidelity import LAM_METHODS, LamMethod
 from ..weights import Weights
 from .borders import BORDERS, Border
+from .noise import Sigma, check_sigma
 from .plan import CENTRES, AveragePatches, Centre
+from .raster import Raster
 
 WeightKind = Literal["constant", "bilateral", "patch"]
 WEIGHTS: tuple[WeightKind, ...] = ("constant", "bilateral", "patch")
@@ -79,7 +81,7 @@ class Choice(OnPixels, Model, total=False):
 
     Attributes
     ----------
-    sigma : float or array of the image's pixels, optional
+    sigma : float, one per channel, array of the image's pixels, "photon", NoiseReport or PhotonNoise, optional
         Standard deviation of the noise.
     p : float, optional
         Degree of regularity.
@@ -100,7 +102,7 @@ class Choice(OnPixels, Model, total=False):
         Maximum number of iterations.
     """
 
-    sigma: float | npt.ArrayLike | None
+    sigma: Sigma | None
     p: float | None
     lam: float | npt.ArrayLike | LamMethod | None
     radius: float | None
@@ -259,8 +261,8 @@ def check_averaging(average_patches: Any) -> None:
         raise ValueError(f"average_patches must be True, False or 'weighted', got {average_patches!r}")
 
 
-def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
-    """Check the options of a plan, for an image of this shape without its channels.
+def check_choice(asked: Choice, raster: Raster) -> None:
+    """Check the options of a plan for an image.
 
     Raises
     ------
@@ -280,13 +282,12 @@ def check_choice(asked: Choice, shape: tuple[int, ...]) -> None:
             number(name, given[name], above=0, finite=not name.startswith("sigma_"))
     if given["radius"] is not None:
         number("radius", given["radius"], finite=False)  # the grid checks that it reaches a neighbour
-    if given["sigma"] is not None:
-        map_of("sigma", given["sigma"], shape, low=0)
+    check_sigma(given["sigma"], raster)
     lam = given["lam"]
     if isinstance(lam, str) and lam not in LAM_METHODS:
         raise ValueError(f"lam must be a number, one per pixel, or one of {', '.join(LAM_METHODS)}, got {lam!r}")
     if lam is not None and not isinstance(lam, str):
-        map_of("lam", lam, shape, low=0, finite=False)
+        map_of("lam", lam, raster.shape, low=0, finite=False)
     choice("norm", given["norm"], NORMS)
     if given["metric"] is not None:
         choice("metric", given["metric"], METRICS)

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graphs.edges import Metric
+from ..noise.photon import PhotonNoise
+from ..noise.report import NoiseReport
 from ..tuning.explanation import table
 from ..weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights
 
@@ -48,6 +50,25 @@ class DenoisePlan:
         Radius of these patches; None for the radius of the weights' patches.
     k : int or None
         Number of edges that each pixel uses, those to the nearest patches; None for the whole window.
+    sigmas : tuple of float
+        Standard deviation of the noise of each channel; empty if it is not known.
+    photon : tuple of (PhotonNoise or None)
+        For each channel how the noise grows with the signal, if it does; empty for none. The weights and `lam` are for
+        a pixel with noise `sigma`; :func:`run_plan` scales them by the noise at each pixel of a smoothed image.
+    impulses : tuple of bool
+        For each channel, whether impulses (single pixels that have nothing to do with their neighbours) are replaced by
+        the median of their neighbours; lam is 0 where all channels have one. Empty for none.
+    units : tuple of float
+        What the channels are divided by before they are compared, and multiplied with after; empty for 1.
+    leaves_flat : bool
+        Whether large areas of exactly equal values, which hold no noise, take no part, like pixels outside a mask.
+    groups : tuple of (channels, DenoisePlan)
+        Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
+        other attributes are those of the first group, except `sigma`.
+    same : tuple of int
+        With groups, for each channel the first channel that has exactly the same values, and whose result it gets.
+    report : NoiseReport or None
+        What was found of the noise, if it was estimated; see :func:`gpureg.describe_noise`.
     reasons : mapping of str to str
         Reasons for the parameters that were not given; see :meth:`explain`.
     """
@@ -68,6 +89,14 @@ class DenoisePlan:
     average_patches: AveragePatches = False
     average_radius: int | None = None
     k: int | None = None
+    sigmas: tuple[float, ...] = ()
+    photon: tuple[PhotonNoise | None, ...] = ()
+    impulses: tuple[bool, ...] = ()
+    units: tuple[float, ...] = ()
+    leaves_flat: bool = False
+    groups: tuple[tuple[tuple[int, ...], DenoisePlan], ...] = ()
+    same: tuple[int, ...] = ()
+    report: NoiseReport | None = field(default=None, compare=False, repr=False)
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def compared(self) -> tuple[Any, str]:
@@ -80,11 +109,25 @@ class DenoisePlan:
             w = w.weights
         return w, seen
 
+    @property
+    def replaces_impulses(self) -> bool:
+        """Whether impulses are replaced in any channel."""
+        return any(self.impulses)
+
     def describe(self) -> str:
         """Describe the plan in one line."""
+        if self.groups:
+            alike = {plan.describe() for _, plan in self.groups}
+            if len(alike) == 1:
+                return f"{_named(self.groups)}: {alike.pop()}"
+            return "; ".join(f"{_named((group,))}: {group[1].describe()}" for group in self.groups)
+        before = "impulses replaced, then " if self.replaces_impulses else ""
         if self.max_iter == 0:
+            if self.replaces_impulses:
+                return "impulses replaced by the median of their neighbours"
             found = np.ndim(self.lam) == 0 and self.lam == math.inf
-            return "nothing to do: no noise was found" if found else "nothing to do: 0 iterations"
+            why = self.reasons.get("idle", "no noise was found")
+            return f"nothing to do: {why}" if found else "nothing to do: 0 iterations"
         w, seen = self.compared()
         window = "x".join(map(str, self.window)) + " window"
         if self.metric != "chebyshev":
@@ -109,15 +152,25 @@ class DenoisePlan:
         lam = f"{float(self.lam):.4g}" if np.ndim(self.lam) == 0 else "a map"  # type: ignore[arg-type]
         lam += " of the largest weight" if self.centre == "largest" else ""
         iterations = "1 iteration" if self.max_iter == 1 else f"at most {self.max_iter} iterations"
-        return f"{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
+        kind += ", adapted to noise that grows with the signal" if self.photon else ""
+        return f"{before}{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
 
     def explain(self) -> str:
         """Describe each parameter in one line: its value and the reason for it."""
+        if self.groups:
+            return "\n".join(f"{_named((group,))}\n{group[1].explain()}" for group in self.groups)
         (w, seen), ndim, one = self.compared(), len(self.window), np.ndim(self.lam) == 0
         rows = {"noise": ("unknown", "not looked for: it decides nothing")}
         if self.sigma is not None:
             where = "estimated from the image where its texture is weakest"
             rows["noise"] = f"sigma = {self.sigma:.4g}", where if self.estimated else "given"
+        if any(line is not None for line in self.photon):
+            lines = ", ".join(f"{line.gain:.3g}" for line in self.photon if line is not None)
+            rows["growth"] = f"gain = {lines}", "the noise grows with the signal: a map of it is used"
+        if self.leaves_flat:
+            rows["flat"] = "left out", "large areas of equal values hold no noise"
+        if self.replaces_impulses:
+            rows["impulses"] = "replaced", "single pixels have nothing to do with their neighbours"
         if self.max_iter == 0:
             return f"{table(rows)}\n{self.describe()}"
         rows["weights"] = type(w).__name__.lower(), self.reasons.get("weights", "given")
@@ -150,3 +203,13 @@ class DenoisePlan:
         if self.eps is not None or self.p != 2:
             rows["eps"] = ("1e-3 of the range", "rule") if self.eps is None else (f"{self.eps:g}", "given")
         return table(rows)
+
+
+def _named(groups: tuple[tuple[tuple[int, ...], DenoisePlan], ...]) -> str:
+    """Return the name of groups of channels, such as "channels 0 and 2 together, channel 1"."""
+    if len(groups) > 1 and all(len(channels) == 1 for channels, _ in groups):
+        return "each channel by itself"
+    return ", ".join(
+        f"channel {channels[0]}" if len(channels) == 1 else f"channels {' and '.join(map(str, channels))} together"
+        for channels, _ in groups
+    )

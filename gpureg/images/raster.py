@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,6 +119,26 @@ class Raster:
     def channels(self) -> int:
         """The number of channels, m."""
         return 1 if self.channel_axis is None else self.values.shape[self.channel_axis]
+
+    def only(self, channels: Sequence[int]) -> Raster:
+        """Return the image of some channels."""
+        if self.channel_axis is None:
+            return self
+        return Raster(np.take(self.values, channels, axis=self.channel_axis), self.inside, self.channel_axis)
+
+    @property
+    def thin_axes(self) -> tuple[int, ...]:
+        """The axes of the grid that have length 1, besides the two longest axes."""
+        thin = [axis for axis, size in enumerate(self.shape) if size == 1]
+        return tuple(thin[: max(0, self.ndim - 2)])
+
+    def without_thin_axes(self) -> Raster:
+        """Return the same image without :attr:`thin_axes`, a view with the channels last."""
+        if not self.thin_axes:
+            return self
+        cells = self.cells.squeeze(self.thin_axes)
+        inside = None if self.inside is None else self.inside.squeeze(self.thin_axes)
+        return Raster(cells[..., 0], inside) if self.channel_axis is None else Raster(cells, inside, -1)
 
     @property
     def whole(self) -> bool:

@@ -12,6 +12,10 @@ from .steps import Array, Flags, along
 
 # Side of a cube of equal values, for numbers and for integers; counts that are mostly 0 get larger cubes, until this
 # share of the pixels is left.
+# Large areas have at least this side.
+_LARGE = 8
+# Whole numbers from 0 whose mean is smaller are counts of which many are 0.
+FEW_COUNTS = 4.0
 _SIDE, _SIDE_OF_INTEGERS, _LARGEST, _ENOUGH = 2, 3, 25, 0.95
 
 
@@ -43,7 +47,9 @@ def equal_cubes(values: Array, side: int, axes: Sequence[int]) -> Flags:
     return found
 
 
-def flat_areas(values: Array, good: Flags, axes: Sequence[int], *, whole: bool, counts: bool = False) -> Flags:
+def flat_areas(
+    values: Array, good: Flags, axes: Sequence[int], *, whole: bool, counts: bool = False, least: int = 0
+) -> Flags:
     """Return the cells in areas of equal values.
 
     Parameters
@@ -55,11 +61,13 @@ def flat_areas(values: Array, good: Flags, axes: Sequence[int], *, whole: bool, 
         Whether the values are whole numbers, of which some are equal by chance.
     counts : bool, default False
         Whether they are counts, of which many are 0 by chance.
+    least : int, default 0
+        Smallest side of the cubes.
     """
     known: npt.NDArray[Any] = values
     if not good.all():
         known = np.where(good, values, np.nan)
-    side = _SIDE_OF_INTEGERS if whole else _SIDE
+    side = max(least, _SIDE_OF_INTEGERS if whole else _SIDE)
     found = equal_cubes(known, side, axes) & good
     if counts and not np.any(found & (values > 0)):
         enough = _ENOUGH * np.count_nonzero(good)
@@ -67,6 +75,23 @@ def flat_areas(values: Array, good: Flags, axes: Sequence[int], *, whole: bool, 
             side += 4
             found = equal_cubes(known, side, axes) & good
     return found
+
+
+def are_counts(sample: Array, low: float) -> bool:
+    """Return whether whole numbers are counts of which many are 0, from an even sample and the smallest value."""
+    return low == 0 and float(sample.mean()) < FEW_COUNTS
+
+
+def large_flat_areas(values: Array, inside: Flags | None) -> Flags:
+    """Return the cells of a whole image of one channel in large areas of equal values, which hold no noise."""
+    good = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, bool)
+    if inside is not None:
+        good &= inside
+    axes = [axis for axis, size in enumerate(values.shape) if size >= 3]
+    whole = values.dtype.kind in "iu"
+    known = values[good]
+    counts = whole and bool(known.size) and are_counts(known[:: max(1, known.size // 16384)], float(known.min()))
+    return flat_areas(values, good, axes[-3:], whole=whole, counts=counts, least=_LARGE)
 
 
 def written_twice(values: Array, axes: Sequence[int]) -> int | None:

@@ -42,6 +42,8 @@ class Growth:
         Rank correlation of the brightness and the variance of the classes.
     mean_variance : float
         Mean variance of the classes.
+    dark : float
+        Brightness of the darkest 0.1 percent.
     """
 
     slope: float
@@ -50,6 +52,7 @@ class Growth:
     factor: float
     ranks: float
     mean_variance: float
+    dark: float
 
     @property
     def is_likely(self) -> bool:
@@ -82,9 +85,14 @@ def fit_growth(cells: Sequence[Array]) -> Growth | None:
     least = max(slope * low + level, 0.02 * unit)
     ranks = np.corrcoef(np.argsort(np.argsort(means)), np.argsort(np.argsort(variances)))[0, 1]
     return Growth(
-        slope, level - slope * middle, error, (slope * high + level) / least, float(ranks),
-        unit,
-    )  # fmt: skip
+        slope=slope,
+        level=level - slope * middle,
+        error=error,
+        factor=(slope * high + level) / least,
+        ranks=float(ranks),
+        mean_variance=unit,
+        dark=float(np.percentile(mean, 0.1)),
+    )
 
 
 def cells_of(part: Measured, parts: int = 1) -> Array:

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .blocks import Block
-from .flat import flat_areas, written_twice
+from .blocks import Block, measured_axes
+from .flat import are_counts, flat_areas, written_twice
 from .graphs import MEDIAN
 from .impulses import Scene, extremes, find_impulses, lone_pixels
 from .steps import (
@@ -41,9 +41,8 @@ _OF_MEDIAN = 1.15 / MEDIAN
 _CLIPPED, _CLIPPED_SHARE = 5, 1e-4
 # A value of floating-point numbers that this share of a sample has was put there: it is left out like a clipped one.
 _REPEATED = 5e-4
-# Whole numbers from 0 whose mean is smaller are counts of which many are 0. A rare large count is no impulse: this is
-# added to the bound.
-_FEW_COUNTS, _RARE_COUNT = 4.0, 6.0
+# A rare large count is no impulse: it must be so much larger than its neighbours.
+_RARE_COUNT = 6.0
 # Single pixels in areas of equal values are looked for if these have more than a share, and said from another.
 _MOSTLY_FLAT, _LONE = 0.2, 1e-3
 # If they leave less than this share of the other pixels, there is no noise besides them.
@@ -120,6 +119,8 @@ class Measured:
         Whether the impulses stand in areas of equal values, and there is nothing else.
     sparse : bool
         Whether the values are counts of less than 1 on average.
+    span : tuple of float
+        The range of the smoothed image where there is noise, from the 0.2nd to the 99.8th percentile; NaN if unknown.
     fields : Fields or None
         The arrays behind it, if it was measured.
     """
@@ -139,6 +140,7 @@ class Measured:
     salt: bool = False
     lone: bool = False
     sparse: bool = False
+    span: tuple[float, float] = (math.nan, math.nan)
     fields: Fields | None = field(default=None, repr=False)
 
     @property
@@ -169,6 +171,38 @@ def measure(block: Block, line: tuple[float, float] | None = None) -> Measured:
     return _Measuring(block.values, good, pixels, axes).measured(line)
 
 
+def impulses_in(
+    values: npt.NDArray[Any], inside: Flags | None, sigma: float, line: tuple[float, float] | None = None
+) -> Flags:
+    """Return the impulses of a whole image of one channel.
+
+    Parameters
+    ----------
+    values : array
+    inside : bool array of its shape, or None
+        True at the pixels that count.
+    sigma : float
+        Standard deviation of the noise; 0 for single pixels in areas of equal values.
+    line : (slope, level), optional
+        As in :func:`measure`.
+    """
+    axes = measured_axes(values.shape)
+    if not axes:
+        return np.zeros(values.shape, bool)
+    last = tuple(range(-len(axes), 0))
+    moved = np.moveaxis(values, axes, last)
+    whole = moved.shape
+    block = Block(
+        moved.reshape(-1, *whole[-len(axes) :]),
+        None if inside is None else np.moveaxis(inside, axes, last).reshape(-1, *whole[-len(axes) :]),
+    )
+    good = block.good
+    if np.count_nonzero(good) < FEWEST:
+        return np.zeros(values.shape, bool)
+    found = _Measuring(block.values, good, int(np.count_nonzero(good)), block.axes).impulses(sigma, line)
+    return np.moveaxis(found.reshape(whole), last, axes)
+
+
 class _Measuring:
     """The work of :func:`measure` on one block."""
 
@@ -184,7 +218,7 @@ class _Measuring:
         below, above = np.percentile(some, [5, 95])
         self.scale = float(above - below) or float(some.std()) or 1.0
         self.values = self._scaled()
-        self.counts = self.whole and self.low == 0 and float(some.mean()) < _FEW_COUNTS
+        self.counts = self.whole and are_counts(some, self.low)
         self.flat = flat_areas(exact, good, axes, whole=self.whole, counts=self.counts)
         self.usable = good & ~self.flat
         self.medians = self.values
@@ -217,9 +251,7 @@ class _Measuring:
         sparse = self.counts and float(self.sample.mean()) < 1
         flat = np.count_nonzero(self.flat) / self.pixels
         shares: dict[str, Any] = {"pixels": self.pixels, "flat": flat, "sparse": sparse}
-        extreme = extremes(self.exact, self.good, self.low, self.high) if self.whole else None
-        least = _RARE_COUNT / self.scale if self.counts else 0.0
-        scene = Scene(self.values, self.medians, self.usable, extreme, self.axes[-2:], least)
+        scene = self._scene()
         if shares["flat"] > _MOSTLY_FLAT and not self.counts:
             lone = lone_pixels(scene)
             if np.count_nonzero(lone) > _LONE * self.pixels:
@@ -250,6 +282,7 @@ class _Measuring:
             return Measured("cannot tell", "no pixel has neighbours that count", **shares)
         fields, count, texture, more = found
         shares |= more
+        shares["span"] = self._span(fields)
         shares["impulses"] = np.count_nonzero(impulses) / self.pixels
         if fields.sigma == 0:
             why = "neighbouring values do not differ" if texture == 0 else "no second difference"
@@ -257,6 +290,29 @@ class _Measuring:
         return Measured(
             "measured", "", fields.sigma * self.scale, count, texture=texture, salt=salt, fields=fields, **shares
         )
+
+    def _scene(self) -> Scene:
+        """Return what is needed to find impulses."""
+        extreme = extremes(self.exact, self.good, self.low, self.high) if self.whole else None
+        least = _RARE_COUNT / self.scale if self.counts else 0.0
+        return Scene(self.values, self.medians, self.usable, extreme, self.axes[-2:], least)
+
+    def impulses(self, sigma: float, line: tuple[float, float] | None) -> Flags:
+        """Return the impulses for noise of this standard deviation, or with this line of its variance."""
+        scene = self._scene()
+        if sigma == 0:
+            return lone_pixels(scene)
+        own = sigma / self.scale
+        return find_impulses(scene, own if line is None else self._of_line(line, own))[0]
+
+    def _span(self, fields: Fields) -> tuple[float, float]:
+        """Return the range of the smoothed image, in the image's units."""
+        step = max(1, fields.smooth.size // (1 << 18))
+        values = fields.smooth.ravel()[::step][fields.usable.ravel()[::step]]
+        if not values.size:
+            return math.nan, math.nan
+        low, high = (np.percentile(values, [0.2, 99.8]).astype(np.float64) * self.scale + self.offset).tolist()
+        return low, high
 
     def _of_line(self, line: tuple[float, float], first: float) -> Array:
         """Return the standard deviation of noise that grows with the signal, at least a fifth of `first`."""

@@ -13,11 +13,14 @@ import numpy.typing as npt
 from ..doors import door
 from .channels import Groups, groups
 from .measure import State
+from .photon import PhotonNoise
 from .survey import Channel, Survey, survey, worst
 from .white import check_channel_axis
 
 # Texture energy over sigma^2 from which texture is taken for noise, and shares that are said.
 _TEXTURE, _CLIPPED, _SAID = 0.09, 0.01, 0.001
+# Least variance of a dark pixel, as a share of sigma^2.
+_DARKEST = 0.05
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,10 @@ class ChannelNoise:
     grows : bool
         Whether the variance grows with the signal, as that of photons: variance = gain * value + level.
     gain, level : float
-        That line, in the image's units and their square; gain is 0 unless `grows`.
+        The line that fits best, in the image's units and their square, also if it does not grow beyond doubt; 0 if none
+        could be fitted.
+    dark : float
+        Brightness of the darkest 0.1 percent, from which the line is used.
     impulses : float
         Share of the pixels that are impulses. It is meant seriously only if `has_impulses`.
     has_impulses, salt_and_pepper : bool
@@ -69,6 +75,7 @@ class ChannelNoise:
     grows: bool
     gain: float
     level: float
+    dark: float
     impulses: float
     has_impulses: bool
     salt_and_pepper: bool
@@ -89,6 +96,17 @@ class ChannelNoise:
     def level_to_remove(self) -> float:
         """The standard deviation to denoise with: `long_sigma` for correlated noise, otherwise `sigma`."""
         return max(self.sigma, self.long_sigma) if self.correlated else self.sigma
+
+    def photon(self, *, certain: bool = True) -> PhotonNoise | None:
+        """Return the growth with the signal as :class:`PhotonNoise` from the darkest pixels on.
+
+        None if it does not grow; with ``certain=False`` only if no line that grows could be fitted. The read noise is
+        at least 0.22 of `sigma`, since a line that is too steep would leave dark pixels as they are.
+        """
+        if not self.gain > 0 or (certain and not self.grows):
+            return None
+        least = _DARKEST * self.sigma**2
+        return PhotonNoise(self.gain, math.sqrt(max(self.gain * self.dark + self.level, least)), self.dark)
 
     def says(self) -> Iterator[str]:
         """Yield sentences about the noise of the channel."""
@@ -149,12 +167,15 @@ class NoiseReport:
         The channels that are better denoised together.
     same : tuple of int
         For each channel the first channel with exactly the same values.
+    spans : tuple of (low, high)
+        The range of each channel where there is noise, from a smoothed copy; NaN if unknown.
     """
 
     channels: tuple[ChannelNoise, ...]
     covariance: tuple[tuple[float, ...], ...] | None
     groups: Groups
     same: tuple[int, ...]
+    spans: tuple[tuple[float, float], ...] = ()
 
     @property
     def state(self) -> State:
@@ -308,7 +329,8 @@ def report_of(found: Survey) -> NoiseReport:
         grouped = groups(relations, levels, len(same))
         grouped = tuple(kept for group in grouped if (kept := tuple(i for i in group if i in own)))
     covariance = None if relations is None else tuple(map(tuple, relations.covariance.tolist()))
-    return NoiseReport(tuple(map(_channel, found.channels)), covariance, grouped, same)
+    spans = tuple(channel.span for channel in found.channels)
+    return NoiseReport(tuple(map(_channel, found.channels)), covariance, grouped, same, spans)
 
 
 def _channel(channel: Channel) -> ChannelNoise:
@@ -323,8 +345,9 @@ def _channel(channel: Channel) -> ChannelNoise:
         sigma=sigma,
         relative_error=channel.relative_error,
         grows=grows,
-        gain=growth.slope if grows and growth is not None else 0.0,
-        level=growth.level if grows and growth is not None else 0.0,
+        gain=0.0 if growth is None else growth.slope,
+        level=0.0 if growth is None else growth.level,
+        dark=0.0 if growth is None else growth.dark,
         impulses=channel.share("impulses"),
         has_impulses=channel.says("impulses") or channel.share("lone") > 0.5,
         salt_and_pepper=channel.share("salt") > 0.5,

@@ -56,6 +56,11 @@ class Channel:
         return "measured" if any(part.state == "measured" for part in self.parts) else "no noise"
 
     @property
+    def span(self) -> tuple[float, float]:
+        """The range of the smoothed channel where there is noise; NaN if nothing is known."""
+        return _span(self.parts)
+
+    @property
     def why(self) -> str:
         """The reason of the state, if nothing was measured."""
         if self.state == "measured":
@@ -148,6 +153,26 @@ def measure_channels(
     """
     channels, inside = channels_of(image, channel_axis, mask)
     return [[measure(block) for part in blocks(channel, inside) for block in part] for channel in channels]
+
+
+def spans_of(
+    image: npt.ArrayLike, channel_axis: int | None, mask: npt.ArrayLike | None
+) -> tuple[tuple[tuple[float, float], ...], float]:
+    """Return the range of each smoothed channel where there is noise, and the smallest share of areas of equal values.
+
+    The ranges are NaN where nothing is known.
+    """
+    channels = measure_channels(image, channel_axis, mask)
+    shares = [max((part.flat for part in parts), default=0.0) for parts in channels]
+    return tuple(map(_span, channels)), min(shares)
+
+
+def _span(parts: Sequence[Measured]) -> tuple[float, float]:
+    """Return the range over the parts of a channel."""
+    known = [part.span for part in parts if not math.isnan(part.span[0])]
+    if not known:
+        return math.nan, math.nan
+    return min(low for low, _ in known), max(high for _, high in known)
 
 
 def survey(image: npt.ArrayLike, channel_axis: int | None = None, mask: npt.ArrayLike | None = None) -> Survey:

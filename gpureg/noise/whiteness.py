@@ -17,6 +17,8 @@ SHORTEST, _BORDER = 32, 6
 _STEPS = (1, 2, 3, 6)
 # Bounds of the tests. White noise gives 1.0 to 1.2 for q13 and q12, because smooth places are chosen.
 _CORRELATED, _PERIOD_TWO, _BLOCKS, _STRIPES = 0.92, 1.35, 1.12, 0.08
+# Below the first bound of q13 the noise may be correlated up to this ratio of q13 and q26: textures have 1.25 and more.
+_STRONGLY, _ALIKE = 0.5, 1.15
 # Impulses are said if the smoothest third of the windows has this share of them; texture makes false ones.
 _IMPULSES, _IMPULSES_TEXTURED, _TEXTURED = 0.0025, 0.006, 0.06
 # The mean over sigma of Rician noise without signal, and how close to it the darkest windows must be.
@@ -88,7 +90,8 @@ def whiteness(measured: Measured) -> Whiteness | None:
     smooth = fields.texture <= third
     share = float(np.count_nonzero(fields.impulses & smooth)) / max(1, int(np.count_nonzero(smooth)))
     periodic = q12 > _PERIOD_TWO
-    correlated = not periodic and q13 < _CORRELATED and q13 < q26 and measured.texture < _NO_NOISE
+    like = q13 < q26 * (_ALIKE if q13 < _STRONGLY else 1)  # texture has a larger q13 than q26
+    correlated = not periodic and q13 < _CORRELATED and like and measured.texture < _NO_NOISE
     rows, columns = (_stripes(fields, axis) for axis in (1, 2))
     bound = _IMPULSES if measured.texture < _TEXTURED else _IMPULSES_TEXTURED
     dark = float(np.median(fields.values.ravel()[at]))

@@ -9,6 +9,7 @@ form s(u, v) exp(-patch distance) derive from :class:`PatchWeights` and are comp
 from .base import EdgeWeights, PatchWeights, PerVertex, Weights
 from .distance import Constant, constant, gaussian, inverse_distance
 from .guide import OPPONENT, Compared, Guided, Smoothed, blur_norm, guided, patch_weights, smoothed
+from .scaled import scaled_by
 from .similarity import Bilateral, Patch, bilateral, half, patch, recomputed
 from .triangles import Cotangent, cotangent
 
@@ -36,5 +37,6 @@ __all__ = [
     "patch",
     "patch_weights",
     "recomputed",
+    "scaled_by",
     "smoothed",
 ]

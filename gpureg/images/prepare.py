@@ -1,0 +1,107 @@
+"""Apply to an image what a plan says of its noise: impulses, growth with the signal, units of the channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..noise.blocks import measured_axes
+from ..noise.flat import large_flat_areas
+from ..noise.impulses import filled as without_impulses
+from ..noise.measure import impulses_in
+from ..noise.photon import PhotonNoise
+from ..weights import scaled_by
+from .guides import filled
+from .noise import LEAST
+from .plan import DenoisePlan
+from .raster import Raster
+
+# Standard deviation in pixels of the Gaussian that smooths an image before its noise is read from its values, in a
+# plane and in a volume, and the radius of this filter in standard deviations.
+_BLUR, _TRUNCATE = {2: 1.5, 3: 1.0}, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """An image that is ready for the model.
+
+    Attributes
+    ----------
+    plan : DenoisePlan
+        The plan for it, with maps of weights and lam.
+    pixels : (..., m) float array
+        Its values, divided by the units of the channels, without impulses.
+    inside : bool array or None
+        True where a pixel takes part.
+    impulses : int
+        Number of values that were replaced.
+    """
+
+    plan: DenoisePlan
+    pixels: npt.NDArray[Any]
+    inside: npt.NDArray[np.bool_] | None = None
+    impulses: int = 0
+
+    def back(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return a result in the image's units."""
+        return value * np.asarray(self.plan.units, value.dtype) if self.plan.units else value
+
+
+def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Prepared:
+    """Replace the impulses of pixels (..., m), and make the maps of the plan."""
+    count = 0
+    if plan.replaces_impulses:
+        pixels, hit = _replaced(plan, raster, pixels)
+        count = int(np.count_nonzero(hit))
+        lost = hit.all(axis=-1)
+        if lost.any() and plan.max_iter > 0:
+            plan = replace(plan, lam=np.where(lost, 0.0, np.asarray(plan.lam)))
+    if any(line is not None for line in plan.photon) and plan.max_iter > 0:
+        plan = _adapted(plan, raster, pixels)
+    if plan.units:
+        pixels = pixels / np.asarray(plan.units, pixels.dtype)
+    inside = raster.inside
+    if plan.leaves_flat and plan.max_iter > 0:
+        flat = np.logical_and.reduce([large_flat_areas(raster.cells[..., i], inside) for i in range(raster.channels)])
+        if flat.any() and not flat.all():
+            inside = ~flat if inside is None else inside & ~flat
+    return Prepared(plan, pixels, inside, count)
+
+
+def _replaced(
+    plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """Replace the impulses of each channel; return the pixels, and where a value was replaced, (..., m)."""
+    pixels, hit = pixels.copy(), np.zeros(pixels.shape, bool)
+    axes = measured_axes(raster.shape)[-2:]
+    lines = plan.photon or (None,) * len(plan.impulses)
+    for i, (wanted, sigma, line) in enumerate(zip(plan.impulses, plan.sigmas, lines, strict=True)):
+        if wanted:
+            variance = None if line is None else (line.gain, line.read_noise**2 - line.gain * line.offset)
+            hit[..., i] = impulses_in(raster.cells[..., i], raster.inside, sigma, variance)
+            pixels[..., i] = without_impulses(pixels[..., i], hit[..., i], axes, raster.inside)
+    return pixels, hit
+
+
+def _adapted(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> DenoisePlan:
+    """Return the plan with the noise of each pixel in its weights and, where it is one of the data, its lam."""
+    variance = np.zeros(raster.shape, np.float64)
+    for i, (line, sigma) in enumerate(zip(plan.photon, plan.sigmas, strict=True)):
+        variance += 1.0 if line is None else (noise_map(raster, pixels[..., i], line) / max(sigma, 1e-300)) ** 2
+    profile = np.sqrt(np.maximum(variance / len(plan.sigmas), LEAST**2))
+    found = scaled_by(plan.weights, profile.ravel())
+    if found is not None:
+        return replace(plan, weights=found)
+    return replace(plan, lam=np.asarray(plan.lam) / profile**2)
+
+
+def noise_map(raster: Raster, values: npt.NDArray[Any], line: PhotonNoise) -> npt.NDArray[np.float64]:
+    """Return the standard deviation of the noise at each pixel, from smoothed values."""
+    from scipy import ndimage
+
+    known = values if raster.whole else filled(values[..., None], raster.inside)[..., 0]  # type: ignore[arg-type]
+    blur = _BLUR[2 if raster.ndim < 3 else 3]
+    return line.sigma(ndimage.gaussian_filter(known.astype(np.float32), blur, truncate=_TRUNCATE))
