@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from .measure import SMOOTHEST, Measured
-from .steps import Array, Flags, inner, smallest
+from .measure import SMOOTHEST, Fields, Measured
+from .steps import Flags, along, inner, smallest
 
 Groups = tuple[tuple[int, ...], ...]
 # Channels are denoised together if their noise is correlated at most so much, their gradients agree at least so much,
 # and their sigmas differ at most by this factor: then no measured case was more than 1 percent worse than alone.
-_CORRELATED, _AGREE, _RATIO = 0.3, 0.6, 2.0
-# Energy of the gradient of smoothed noise, over sigma^2; three times its mean, so that noise does not agree.
-_OF_NOISE = 0.144
+_CORRELATED, _AGREE, _RATIO = 0.3, 0.5, 2.0
+# Mean square of a central difference of noise smoothed by (1 4 6 4 1)/16 along one to three axes, over sigma^2: 84/1024
+# times 70/256 for each other axis. A channel's gradients must be so many standard deviations above this.
+_OF_SLOPE = {count: 84 / 1024 * (70 / 256) ** (count - 1) for count in (1, 2, 3)}
+_CLEAR = 10.0
 # Most planes that are compared.
 PLANES = 4
 
@@ -61,23 +64,36 @@ def relate(channels: Sequence[Sequence[Measured]]) -> Relations | None:
         chosen = at[smallest(np.asarray(texture), max(int(SMOOTHEST * at.size), 400))]
         responses = np.stack([each.response.ravel()[chosen].astype(np.float64) * each.scale for each in known])
         products += responses @ responses.T / 6.0 ** len(axes)
-        seen = [_seen(each.gradient, each.usable, each.sigma) for each in known]
-        energy = np.array([float(each.sum(dtype=np.float64)) for each in seen])
-        for i in range(count):
-            for j in range(i):
-                common = float(np.sqrt(seen[i] * seen[j]).sum(dtype=np.float64))
-                agreements[i, j] += common / max(float(np.sqrt(energy[i] * energy[j])), 1e-30) * chosen.size
+        agreements += _agreement(known) * chosen.size
         weight += chosen.size
     if not weight:
         return None
-    agreements = (agreements + agreements.T) / weight + np.eye(count)
-    return Relations(products / weight, agreements)
+    return Relations(products / weight, agreements / weight)
 
 
-def _seen(gradient: Array, usable: Flags, sigma: float) -> Array:
-    """Return the energy of the gradient above that of noise, where the pixels count."""
-    found: Array = np.maximum(gradient - np.float32(_OF_NOISE * sigma**2), 0) * usable
-    return found
+def _agreement(channels: Sequence[Fields]) -> npt.NDArray[np.float64]:
+    """Return the cosine of the channels' gradients over a plane, (m, m), without noise.
+
+    Products of two channels do not contain their independent noise; it is taken off the energy of each. A channel with
+    hardly any gradient agrees with none.
+    """
+    axes = channels[0].axes
+    ok: Flags = inner(np.logical_and.reduce([each.usable for each in channels]), axes)
+    number, count = len(channels), int(np.count_nonzero(ok))
+    found = np.zeros((number, number))
+    for axis in axes:
+        others = [other for other in axes if other != axis]
+        slopes = []
+        for each in channels:
+            ndim = each.smooth.ndim
+            slope = each.smooth[along(axis, 2, None, ndim)] - each.smooth[along(axis, None, -2, ndim)]
+            slopes.append((inner(slope, others) * (ok / (2 * each.sigma))).ravel())
+        table = np.stack(slopes)
+        found += (table @ table.T).astype(np.float64)
+    noise = len(axes) * _OF_SLOPE[len(axes)]
+    energy = np.diag(found) - noise * count
+    energy = np.where(energy > _CLEAR * noise * math.sqrt(max(count, 1)), energy, np.inf)
+    return np.asarray(np.where(np.eye(number, dtype=bool), 1.0, np.abs(found) / np.sqrt(energy * energy[:, None])))
 
 
 def groups(relations: Relations | None, sigmas: Sequence[float], channels: int) -> Groups:
