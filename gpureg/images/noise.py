@@ -20,7 +20,8 @@ from .raster import Raster
 # A map of the noise is at least this share of its root mean square: for a pixel without noise all weights to other
 # pixels would be 0.
 LEAST = 0.01
-# Sigmas of channels that differ by more than this factor are brought to the same scale before they are compared.
+# Sigmas of channels that differ by more than this factor, and three standard errors of an estimate, are brought to the
+# same scale before they are compared.
 _SAME = 1.1
 
 Sigma = float | npt.ArrayLike | Literal["photon"] | NoiseReport | PhotonNoise
@@ -71,9 +72,12 @@ class Noise:
     def units(self) -> tuple[float, ...] | None:
         """What the channels are divided by before they are compared; None if their noise is nearly the same."""
         known = self.sigmas
-        if known is None or len(known) < 2 or not min(known) > 0 or max(known) <= _SAME * min(known):
+        if known is None or len(known) < 2 or not min(known) > 0:
             return None
-        return known
+        same = _SAME
+        if self.estimated and self.report is not None:
+            same += 3 * max(channel.relative_error for channel in self.report.channels)
+        return known if max(known) > same * min(known) else None
 
     def combined(self) -> npt.NDArray[np.float64] | None:
         """Return one profile for all channels, (n,): the root mean square of theirs."""

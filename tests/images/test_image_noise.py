@@ -10,9 +10,9 @@ from test_image import blocks, noisy
 
 import gpureg as gr
 from gpureg.images import guides as pixels
+from gpureg.images.noise import Noise
 from gpureg.images.raster import Raster
 from gpureg.noise import blocks as blocks_of_noise
-from gpureg.noise import white
 
 
 @pytest.mark.parametrize("seed", [3, 5, 7])
@@ -27,17 +27,16 @@ def test_noise_estimate_on_a_synthetic_scene(sigma: float, seed: int) -> None:
 
 @pytest.mark.parametrize("sigma", [5, 20])
 def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A part of a large picture tells the noise as well as the whole; its contrast is found in bands, to the bit."""
+    """A part of a large picture tells the noise and the contrast as well as the whole."""
     y, x = np.indices((1500, 1400))
     scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
     before = noisy(scene, sigma).astype(np.float32)
-    whole, contrast = gr.estimate_noise(before), pixels.contrast(Raster.of(before))
-    monkeypatch.setattr(white, "LARGE", 1 << 20)
+    raster = Raster.of(before)
+    whole, contrast = gr.estimate_noise(before), pixels.contrast(raster, Noise((20.0,)))[0]
     monkeypatch.setattr(blocks_of_noise, "LARGE", 1 << 20)
-    monkeypatch.setattr(pixels, "_BAND", 1 << 17)
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)
-    assert pixels.contrast(Raster.of(before)) == contrast
+    assert pixels.contrast(raster, Noise((20.0,)))[0] == pytest.approx(contrast, rel=0.02)
 
 
 def test_noise_estimate_of_channels_masks_and_stacks() -> None:

@@ -13,6 +13,7 @@ from test_image import blocks, noisy, psnr
 import gpureg as gr
 from gpureg.images import choose as planning
 from gpureg.images import guides as pixels
+from gpureg.images.noise import Noise
 from gpureg.images.raster import Raster
 
 NUMPY = {"backend": "numpy", "dtype": "float64"}
@@ -50,7 +51,7 @@ def test_sure_says_the_quality_it_reaches() -> None:
     said = lines(plan)["lam"].split("PSNR ")[1].split()
     reached = gr.run_plan(plan, before, **NUMPY).value
     span = float(said[3].rstrip(","))
-    assert span == pytest.approx(pixels.contrast(Raster.of(before)), rel=1e-3)  # four digits are printed
+    assert span == pytest.approx(pixels.contrast(Raster.of(before), Noise((20.0,)))[0], rel=1e-3)  # four digits
     # 9,216 pixels: the estimate scatters by 400 sqrt(2/9216) = 6 of an error of some 40
     truth = 10 * math.log10(span**2 / np.mean((reached - clean) ** 2))
     assert float(said[0]) == pytest.approx(truth, abs=10 * math.log10(1.5))
@@ -113,14 +114,25 @@ def test_the_rule_grows_with_what_there_is_to_keep(p: float) -> None:
     flat = gr.plan_denoising(noisy(np.full((48, 64), 100.0), 20), p=p, sigma=20.0).lam
     assert flat == pytest.approx(2.2 * 0.3 ** (0.4 * p**2) * 20 ** (p - 2), rel=1e-9)
     assert rule > flat
-    # three equal channels, coupled: the norm of the gradient is sqrt(3) as large, and so is that of the difference
+    # three equal channels are one, and its result is given to all
     colour = np.stack([before] * 3, -1)
-    assert gr.plan_denoising(colour, p=p, sigma=20.0, channel_axis=-1).lam == pytest.approx(rule * 3 ** (p / 2 - 1))
+    plan = gr.plan_denoising(colour, p=p, sigma=20.0, channel_axis=-1)
+    assert plan.same == (0, 0, 0)
+    assert plan.groups[0][1].lam == pytest.approx(rule)
     same = [
-        gr.denoise_image(f, p=p, sigma=20.0, eps=e, channel_axis=axis, **NUMPY)
-        for f, e, axis in ((before, 0.3, None), (colour, 0.3 * math.sqrt(3), -1))
+        gr.denoise_image(f, p=p, sigma=20.0, eps=0.3, channel_axis=axis, **NUMPY)
+        for f, axis in ((before, None), (colour, -1))
     ]
-    assert np.abs(same[1][..., 0] - same[0]).max() < 1e-9
+    assert all(np.array_equal(same[1][..., i], same[0]) for i in range(3))
+    # coupled with a given lam: the norm of the gradient is sqrt(3) as large, and so is that of the difference
+    by_hand = [
+        gr.denoise_image(f, p=p, lam=lam, eps=e, channel_axis=axis, **NUMPY)
+        for f, lam, e, axis in (
+            (before, rule, 0.3, None),
+            (colour, rule * 3 ** (p / 2 - 1), 0.3 * math.sqrt(3), -1),
+        )
+    ]
+    assert np.abs(by_hand[1][..., 0] - by_hand[0]).max() < 1e-9
 
 
 def test_every_parameter_is_explained() -> None:

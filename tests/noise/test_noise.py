@@ -43,7 +43,7 @@ def test_a_large_volume_is_looked_at_in_tiles(monkeypatch: pytest.MonkeyPatch) -
     whole = gr.estimate_noise(volume)
     monkeypatch.setattr(blocks, "LARGE", 1 << 16)
     monkeypatch.setattr(blocks, "TILES", {2: (8, 256), 3: (3, 20)})
-    parts = list(blocks.samples(volume.shape))
+    parts = list(blocks.tiles(volume.shape))
     assert len(parts) == 27
     assert all(volume[part].shape == (20, 20, 20) for part in parts)
     assert gr.estimate_noise(volume) == pytest.approx(whole, rel=0.03)  # 5,000 voxels measured: 1 percent of scatter
@@ -55,12 +55,13 @@ def test_one_value_per_channel() -> None:
     image = np.stack([np.add.outer(np.arange(80.0), np.arange(90.0)) + rng(s).normal(0, s, (80, 90)) for s in levels])
     each = gr.estimate_noise(image, channel_axis=0, per_channel=True)
     assert each.shape == (3,)
-    # 700 pixels are measured: 3 percent of scatter
-    assert each == pytest.approx(levels, rel=0.1, abs=1e-9)
+    # 1000 pixels are measured: 4 percent of scatter; float32 rounds a ramp of 170 without noise by 1e-5
+    assert each == pytest.approx(levels, rel=0.1, abs=1e-5)
     assert gr.estimate_noise(image, channel_axis=0) == pytest.approx(np.sqrt(np.mean(each**2)), rel=1e-12)
     assert gr.estimate_noise(image[0], per_channel=True) == pytest.approx([each[0]], rel=1e-12)
-    masked = gr.estimate_noise(image, channel_axis=0, per_channel=True, mask=np.zeros((80, 90), bool))
-    assert masked.tolist() == [0, 0, 0]
+    with pytest.warns(UserWarning, match="3 of 3 channels cannot be told, the estimate is NaN: no pixel counts"):
+        masked = gr.estimate_noise(image, channel_axis=0, per_channel=True, mask=np.zeros((80, 90), bool))
+    assert np.isnan(masked).all()
 
 
 def microscope(seed: int) -> np.ndarray:
@@ -97,7 +98,8 @@ def test_photon_noise_of_a_microscope(gain: float, read_noise: float) -> None:
 
 
 def test_photon_noise_of_channels_is_that_of_one_camera() -> None:
-    light = microscope(1)[:256, :256]
+    """Measured at six seeds: within 10 percent; few pixels are bright in this quarter."""
+    light = microscope(3)[:256, :256]
     image = np.stack([100 + 2.0 * rng(s).poisson(light * s) + rng(9 + s).normal(0, 5, light.shape) for s in (1, 2)])
     assert gr.estimate_photon_noise(image, offset=100, channel_axis=0).gain == pytest.approx(2, rel=0.1)
 
@@ -118,7 +120,7 @@ def test_below_the_offset_there_is_read_noise_alone() -> None:
 @pytest.mark.parametrize(
     ("image", "call", "error", "says"),
     [
-        (np.zeros((5, 5)), {}, ValueError, "at least 200 are needed"),
+        (np.zeros((5, 5)), {}, ValueError, "at least 2400 of several brightnesses are needed"),
         (rng(0).normal(100, 1e-9, (99, 99)) // 1e9, {}, ValueError, "pixels are left|one brightness"),
         (np.zeros(5), {}, ValueError, "two or more axes"),
         (np.zeros((50, 50)), {"offset": np.nan}, ValueError, "offset must be finite"),
