@@ -30,8 +30,9 @@ from .meshes.simplify import simplify_mesh
 from .meshes.writing import write_mesh
 from .model.memory import memory_needed
 from .model.result import Interrupted, Result, Stop
+from .noise.channel_noise import ChannelNoise
 from .noise.photon import PhotonNoise, estimate_photon_noise
-from .noise.report import ChannelNoise, NoiseReport, describe_noise
+from .noise.report import NoiseReport, describe_noise
 from .noise.white import estimate_noise
 from .points.cluster import cluster_points
 from .points.denoise import denoise_points, estimate_point_noise

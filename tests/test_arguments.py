@@ -50,6 +50,7 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
     "inpaint_image": (gr.inpaint_image, (IMAGE, IMAGE > 130), ON),
     "simplify_image": (gr.simplify_image, (IMAGE,), ON | {"lam": 0.05, "max_iter": 2}),
     "patch_graph": (gr.patch_graph, (IMAGE, 4), ON),
+    "describe_noise": (gr.describe_noise, (IMAGE,), {}),
     "estimate_noise": (gr.estimate_noise, (IMAGE,), {}),
     "estimate_photon_noise": (gr.estimate_photon_noise, (PHOTONS,), {}),
     "energy_partition": (gr.energy_partition, (IMAGE, GRID, gr.sources.seeds(GRID, 6)), ON),

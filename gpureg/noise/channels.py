@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .measure import SMOOTHEST, Fields, Measured
+from .measure import SMOOTHEST
+from .measured import Fields, Measured
 from .steps import Flags, along, inner, smallest
 
 Groups = tuple[tuple[int, ...], ...]

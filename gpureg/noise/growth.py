@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .graphs import MEDIAN
-from .measure import Measured
+from .measured import Measured
 from .steps import Array, inner
 
 # Number of classes of brightness with equal numbers of pixels, the share of each that is measured, the smoothest, and

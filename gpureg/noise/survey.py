@@ -12,7 +12,8 @@ import numpy.typing as npt
 from .blocks import Block, blocks, channels_of
 from .channels import PLANES, Relations, relate
 from .growth import Growth, cells_of, fit_growth
-from .measure import Measured, State, measure
+from .measure import measure
+from .measured import Measured, State
 from .steps import Array
 from .whiteness import Whiteness, whiteness
 

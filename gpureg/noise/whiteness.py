@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .measure import SMOOTHEST, Fields, Measured
+from .measure import SMOOTHEST
+from .measured import Fields, Measured
 from .steps import Array, Flags, all_three, second_difference, smallest
 
 # Shortest side of a plane that is tested, and the distance of tested pixels from its border.
