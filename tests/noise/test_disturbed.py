@@ -71,13 +71,13 @@ def test_a_disturbance_does_not_decide(name: str) -> None:
     assert gr.estimate_noise(image, mask=mask) == pytest.approx(20 * UNITS.get(name, 1.0), rel=0.08)
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [(64, 64, 1), (64, 64, 2), (1, 64, 64), (32, 32, 1, 20), (2, 64), (1, 200), (20, 1, 32), (5, 64), (64, 1, 64)],
-)
+THIN = [(64, 64, 1), (64, 64, 2), (1, 64, 64), (32, 32, 1, 20), (2, 64), (1, 200), (20, 1, 32), (5, 64), (64, 1, 64)]
+
+
+@pytest.mark.parametrize("shape", THIN)
 def test_thin_axes(shape: tuple[int, ...]) -> None:
-    """A few hundred values: the scatter of the estimate is up to 8 percent."""
-    assert gr.estimate_noise(rng(7).normal(0, 20, shape)) == pytest.approx(20, rel=0.2)
+    """The standard error of an estimate from n values is 1.4 / sqrt(n); half of the smallest, 62, are measured."""
+    assert gr.estimate_noise(rng(7).normal(0, 20, shape)) == pytest.approx(20, rel=2 * 1.4 / 62**0.5)
 
 
 @pytest.mark.parametrize("mean", [0.05, 0.1, 0.3, 1.0, 3.0, 10.0])
