@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import unmasked
+from ..frame import limits
 from ..graphs.grid import GridGraph
 from ..weights import Patch, Smoothed, Weights, guided, patch_weights
 from .raster import Raster
@@ -64,20 +65,29 @@ def guided_by(
 
 
 def contrast(raster: Raster) -> float:
-    """Estimate the range of the image without noise: the range of a copy smoothed by a Gaussian, over all channels."""
+    """Estimate the range of the image without noise: the range of a copy smoothed by a Gaussian, over all channels.
+
+    Each channel is limited to the values that :func:`gpureg.frame.limits` finds, so that no single pixel decides.
+    """
     from scipy import ndimage
 
     cells = raster.cells
     kind: Any = np.float64 if cells.dtype.itemsize > 4 else np.float32
     if raster.inside is not None:
         cells = filled(cells.astype(kind), raster.inside)
+    ends = np.array(
+        [
+            limits(np.ravel(cells[..., c] if raster.inside is None else cells[..., c][raster.inside]))
+            for c in range(cells.shape[-1])
+        ]
+    )
     # Bands of rows, extended by the radius of the filter, give the same values with less memory.
     spread, reach = 2.0, 8
     band = max(1, _BAND // max(1, cells[0].size))
     low, high = math.inf, -math.inf
     for first in range(0, len(cells), band):
         start, end = max(0, first - reach), min(len(cells), first + band + reach)
-        part: Any = cells[start:end].astype(kind, copy=False)
+        part: Any = np.clip(cells[start:end].astype(kind, copy=False), *ends.T.astype(kind))
         smooth = ndimage.gaussian_filter(part, (spread,) * (cells.ndim - 1) + (0.0,))[first - start :][:band]
         low, high = min(low, float(smooth.min())), max(high, float(smooth.max()))
     return high - low

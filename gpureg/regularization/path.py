@@ -69,7 +69,14 @@ class Series:
         """Run with this fidelity, a number or an (n,) array, and degree."""
         begin = time.perf_counter()
         problem = Problem.make(
-            self._f0, self._graph, p=p, lam=lam, dtype=self._dtype, smoothed=self._solver.smooths, **self._model
+            self._f0,
+            self._graph,
+            p=p,
+            lam=lam,
+            dtype=self._dtype,
+            smoothed=self._solver.smooths,
+            framed=True,
+            **self._model,
         )
         device = backends.get(self._run["backend"], self._dtype)
         callback = self._run["callback"]

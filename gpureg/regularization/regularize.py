@@ -180,15 +180,16 @@ def regularize(
         eps=eps,
         dtype=kind,
         smoothed=method.smooths,
+        framed=True,
     )
     method.accept(problem)
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
-    threshold = None if tol is None else tol * (problem.data_range or 1.0)
+    threshold = None if tol is None else tol * problem.spread
     tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, update_weights)
-    first = problem.f0 if start is None else start
+    first = problem.f0 if start is None else problem.framed(start)
     # the loop reports overflow with a clear message
     with np.errstate(over="ignore", invalid="ignore"):
         if tiles is not None:
@@ -232,25 +233,48 @@ def as_run(
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
     """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted."""
-    problem, course = outcome.problem, outcome.course
+    on, course = outcome.problem, outcome.course
+    problem, frame = on.problem, on.problem.frame
     # an interruption may come after the last check
     gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
+    if gap is not None:
+        gap += rounding_of(problem, course.energies[-1], on.backend.dtype)
     result = Result(
-        value=as_given(problem.get_function(outcome.f), f0, graph),
+        value=as_given(problem.back(on.get_function(outcome.f)), f0, graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        energy=np.array(course.energies),
+        energy=np.array([frame.energy(energy, problem.p) for energy in course.energies]),
         checks=np.array(course.checks),
-        gap=gap,
-        error_bound=None if gap is None else math.sqrt(2 * gap / float(np.min(problem.problem.lam))),
-        eps=problem.eps,
+        gap=None if gap is None else frame.energy(gap, problem.p),
+        error_bound=None if gap is None else frame.scale * math.sqrt(2 * gap / float(np.min(problem.lam))),
+        eps=problem.eps * frame.scale,
         method=outcome.method,
-        backend=repr(problem.backend),
+        backend=repr(on.backend),
         seconds=time.perf_counter() - begin,
     )
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)
     return result
+
+
+def rounding_of(problem: Problem, energy: float, dtype: np.dtype[Any]) -> float:
+    """Return a bound on the rounding errors of the last energy, in units of the frame.
+
+    The terms of the energy are >= 0. Each has 5 roundings, those of a sum over the edges of a vertex, and those of a
+    power, at most 16 (``kernels/README.md``); the sum over the vertices is in float64 or compensated. A rounding d of
+    the data changes the minimum by at most sqrt(2 energy) |d| + |d|^2/2 with |d|^2 = sum_u lam(u) d(u)^2, as its
+    derivative is lam (f0 - f).
+    """
+    graph, unit = problem.graph, float(np.finfo(dtype).eps) / 2
+    edges = len(graph.offsets) if isinstance(graph, GridGraph) else int(np.diff(graph.indptr).max(initial=0))
+    of_terms: float = (21 + problem.p / 2 * (edges * problem.f0.shape[1] + 5)) * unit * energy
+    if problem.data is None:
+        return of_terms
+    stored = problem.frame.back(problem.f0, np.dtype(np.float64))
+    lost = (problem.data - stored) / problem.frame.scale
+    weighted = np.where(np.isfinite(problem.lam), problem.lam, 0.0) * lost**2
+    moved = math.sqrt(float(weighted.sum()))
+    return of_terms + math.sqrt(2 * energy) * moved + moved**2 / 2
 
 
 def tiles_of(
@@ -318,10 +342,10 @@ def _in_tiles(
             report=lambda done, of: report(done),
         )
     result = Result.bare(
-        as_given(outcome.value, f0, problem.graph),
+        as_given(problem.back(outcome.value), f0, problem.graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        eps=problem.eps,
+        eps=problem.eps * problem.frame.scale,
         method=outcome.method,
         backend=repr(device),
         seconds=time.perf_counter() - begin,
