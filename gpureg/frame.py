@@ -143,6 +143,13 @@ class Frame:
             return np.multiply(values, np.float64(1 / self.scale), out=out, casting="same_kind")
         return np.multiply(values, 1 / self.scale, out=out, casting="same_kind")
 
+    def reach(self, values: Values) -> float:
+        """Return the largest absolute value of the function of data (n, m)."""
+        if not values.size:
+            return 0.0
+        ends = np.stack([values.min(axis=0), values.max(axis=0)]).astype(np.float64)
+        return float(np.abs((ends - (self.offset or 0.0)) / self.scale).max())
+
     def back(self, function: Values, dtype: np.dtype[Any]) -> Values:
         """Return the data of a function (n, m), in this type."""
         wide = self.offset is not None or abs(math.log2(self.scale)) > _NEAR

@@ -167,7 +167,7 @@ def _searched(
         "solver": asked["solver"],
         "backend": asked["backend"],
         "memory": asked["memory"],
-        "dtype": raster.computed_type(asked["dtype"]),
+        "dtype": raster.chosen_type(asked["dtype"]),
     }
 
     def denoise(y: npt.NDArray[Any], lam: float) -> npt.NDArray[Any]:

@@ -122,7 +122,7 @@ def inpaint_image(
         raise ValueError("every pixel is missing: at least one value of missing must be False")
     if not holes.any():
         return raster.values.copy()
-    kind = raster.computed_type(asked.pop("dtype"))
+    kind = raster.chosen_type(asked.pop("dtype"))
     cells = raster.cells
     known_values = cells[~holes].astype(np.float64)
     eps, tol = asked.pop("eps"), asked.pop("tol")

@@ -151,6 +151,11 @@ class Raster:
             raise ValueError(f"dtype must be float32 or float64, got {kind}")
         return kind
 
+    def chosen_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any] | None:
+        """Return `dtype`, checked; for None float64 for integers of more than 16 bits, otherwise None."""
+        kind = self.computed_type(dtype)
+        return None if dtype is None and kind == np.float32 else kind
+
     def like(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Convert a function on the cells to an image with the axes, type and masked pixels of this one.
 

@@ -169,7 +169,7 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
     if plan.max_iter == 0:
         return _nothing_done(raster, asked, begin)
     more: dict[str, Any] = {name: x for name, x in asked.items() if name not in ("mask", "channel_axis", "dtype")}
-    pixels, kind = raster.pixels(asked["dtype"]), raster.computed_type(asked["dtype"])
+    pixels, kind = raster.pixels(asked["dtype"]), raster.chosen_type(asked["dtype"])
     with _converted(raster):
         result = solve(plan, pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": kind})
     return replace(result, value=raster.like(result.value), seconds=time.perf_counter() - begin)

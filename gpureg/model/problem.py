@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, all_finite, unmasked
+from ..arrays import FloatArray, all_finite, computed_type, unmasked
 from ..backends import Smoothness
 from ..checks import choice, flag, number
 from ..frame import AS_GIVEN, Frame, spread
@@ -25,6 +25,9 @@ NORMS: tuple[Norm, ...] = ("vertex", "edge")
 
 # The default eps, as a share of the data's spread (eq. 15).
 RELATIVE_EPS = 1e-3
+
+# The largest values, in units of a frame, of which float32 holds the squares, and sums of them.
+_SQUARES = 2.0**60
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
@@ -48,7 +51,7 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
         raise ValueError(f"{name} must have shape {allowed}, got {array.shape}")
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
-    wide = flat.dtype.itemsize > 4 or flat.dtype.kind != "f"
+    wide = flat.dtype.itemsize > (4 if flat.dtype.kind == "f" else 2)
     flat = flat.astype(np.float64 if wide else np.float32, copy=False)
     if all_finite(flat):
         return flat
@@ -178,14 +181,15 @@ class Problem:
         norm: Norm = "vertex",
         coupled: bool = True,
         eps: float | None = None,
-        dtype: np.dtype[Any],
+        dtype: np.dtype[Any] | None,
         smoothed: bool = True,
         framed: bool = False,
     ) -> Problem:
         """Check the caller's arguments; a ValueError or TypeError says what is wrong.
 
         If not `smoothed`, the solver does not need eps, and its default is 0. If `framed`, the problem is in the units
-        of a frame, in which float32 is enough for data of any offset and scale.
+        of a frame, in which float32 is enough for data of any offset and scale; a dtype of None is then float64 for
+        data with values so far beyond the others that float32 does not hold their squares, otherwise float32.
         """
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
@@ -207,10 +211,11 @@ class Problem:
         )
         if framed:
             problem = problem._in_a_frame(dtype)
-        problem._check_eps(dtype, smoothed)
+            dtype = problem.f0.dtype
+        problem._check_eps(computed_type(dtype), smoothed)
         return problem
 
-    def _in_a_frame(self, dtype: np.dtype[Any]) -> Problem:
+    def _in_a_frame(self, dtype: np.dtype[Any] | None) -> Problem:
         """Return the problem in the units of a frame, with data of this type."""
         # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
         frame = Frame.of(_inside(self.graph, self.f0), centred=self.gamma in ("sqrt", "combinatorial"))
@@ -218,7 +223,9 @@ class Problem:
         if isinstance(weights, Weights):
             weights = weights.scaled(frame.scale)
             if weights is None:
-                return self
+                frame, weights = AS_GIVEN, self.weights
+        if dtype is None:
+            dtype = np.dtype(np.float64 if frame.reach(self.f0) > _SQUARES else np.float32)
         return replace(
             self,
             f0=frame.into(self.f0, dtype),

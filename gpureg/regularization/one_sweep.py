@@ -46,9 +46,9 @@ def one_sweep(
     interruption there is no iterate. `step` describes differences from a sweep of eq. 25.
     """
     begin = time.perf_counter()
-    kind = computed_type(dtype)
+    kind = None if dtype is None else computed_type(dtype)
     problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=True)
-    device = backends.get(backend, kind)
+    device = backends.get(backend, problem.f0.dtype)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
     averages = step.averaged is not None

@@ -166,7 +166,7 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
     >>> weights = gr.weights.bilateral(2.0, 0.1)
     >>> gr.regularize(step, gr.GridGraph(8), weights=weights, backend="numpy").value[:, 0].round(3)
-    array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
+    array([0., 0., 0., 0., 1., 1., 1., 1.])
     """
     return Bilateral(
         number("sigma_space", sigma_space, above=0, finite=False), parameter("sigma_value", sigma_value, infinite=True)
@@ -262,7 +262,7 @@ def half(weights: Weights) -> Weights:
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
     >>> weights = gr.weights.half(gr.weights.bilateral(2.0, 0.7))
     >>> gr.regularize(step, gr.GridGraph(8), weights=weights, max_iter=1, backend="numpy").value[2:6, 0].round(3)
-    array([0.   , 0.073, 0.927, 1.   ], dtype=float32)
+    array([0.   , 0.073, 0.927, 1.   ])
     """
     return Held(_patch_weights_for(weights, "half"), "half")
 

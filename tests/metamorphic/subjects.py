@@ -113,9 +113,11 @@ def on_graph(values: Array, graph: gr.Graph, unit: float, backend: str, **option
     return gr.regularize(values, graph, backend=backend, **model).value
 
 
+OF_THE_RULE = {"thickened": "the rule takes an image with an axis of length 1 for a volume"}
+
 SUBJECTS: dict[str, Subject] = {
-    "denoise_image": Subject(_default),
-    "denoise_image(sigma)": Subject(_with_sigma),
+    "denoise_image": Subject(_default, faults=OF_THE_RULE | {"shifted": "the noise is estimated in other units"}),
+    "denoise_image(sigma)": Subject(_with_sigma, faults=OF_THE_RULE),
     "denoise_image(p=0.5)": Subject(_rough, reach=6, exact=False),
     "denoise_nl_means": Subject(_nl_means, reach=4),
     "denoise_bilateral": Subject(_bilateral, reach=3),
