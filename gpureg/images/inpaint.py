@@ -146,7 +146,7 @@ def inpaint_image(
     # 2320 sweeps to 0.1 % of the range at p = 2; with this start none. Patch weights (radius 2, h = 60, 15 x 15 window,
     # scratches) need 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in total, from the weighted fill.
     start = f0 if plain else harmonic(f0, small, known.ravel(), weights=weights, **computed)[0]
-    found = (spread(known_values) or 1.0) / (spread(f0) or 1.0)
+    found = (spread(known_values) or 1.0) / (spread(f0[known.ravel()]) or 1.0)
     try:
         value = regularize(
             f0,

@@ -198,16 +198,17 @@ class Problem:
             raise ValueError("gamma as an array is used instead of the weights: leave weights=None")
         choice("norm", norm, NORMS)
         coupled = flag("coupled", coupled)
+        fidelity = _as_pinned(graph, as_lam(graph, lam))
         problem = cls(
             graph,
             data,
             p,
-            _as_pinned(graph, as_lam(graph, lam)),
+            fidelity,
             as_weights(graph, weights),
             edge_factor,
             norm,
             coupled,
-            _given_eps(eps, p, _inside(graph, data), smoothed),
+            _given_eps(eps, p, _known(graph, data, fidelity), smoothed),
         )
         if framed:
             problem = problem._in_a_frame(dtype)
@@ -218,7 +219,8 @@ class Problem:
     def _in_a_frame(self, dtype: np.dtype[Any] | None) -> Problem:
         """Return the problem in the units of a frame, with data of this type."""
         # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
-        frame = Frame.of(_inside(self.graph, self.f0), centred=self.gamma in ("sqrt", "combinatorial"))
+        symmetric = isinstance(self.gamma, str) and not uses_degrees(self.gamma)
+        frame = Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
         weights = self.weights
         if isinstance(weights, Weights):
             weights = weights.scaled(frame.scale)
@@ -270,13 +272,18 @@ class Problem:
 
     @property
     def spread(self) -> float:
-        """The spread of the data (:func:`gpureg.frame.spread`), inside the mask of a grid; 1 for constant data."""
-        return spread(_inside(self.graph, self.f0)) or 1.0
+        """The spread of the data (:func:`gpureg.frame.spread`) where there are any; 1 for constant data."""
+        return spread(_known(self.graph, self.f0, self.lam)) or 1.0
 
 
-def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
-    """Return the rows of a function, (n, m), at vertices inside the mask."""
-    return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
+def _known(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
+    """Return the rows of a function, (n, m), at vertices inside the mask with a fidelity > 0; if it is 0, at all."""
+    known = np.ones(1, bool) if lam.ndim == 0 else lam[:, 0] > 0
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        # lam is infinite outside the mask
+        inside = graph.mask.ravel()
+        known = known & inside if (known & inside).any() else inside
+    return f if known.all() or not known.any() else f[known]
 
 
 def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from ..doors import calling_back
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
+from ..model.rounding import rounding_of
 
 if TYPE_CHECKING:
     # known to mypy without being installed; Python has TypeVar(default=...) from 3.13 on
@@ -275,7 +276,10 @@ def run(
 
         frame, gap = problem.problem.frame, course.gaps[-1]
         energy, change = frame.energy(course.energies[-1], problem.p), course.changes[-1] * frame.scale
-        check = Check(done, energy, change, None if gap is None else frame.energy(gap, problem.p), value)
+        if gap is not None:
+            gap += rounding_of(problem.problem, course.energies[-1], backend.dtype)
+            gap = frame.energy(gap, problem.p)
+        check = Check(done, energy, change, gap, value)
         with calling_back():
             answer = callback(check)
         # only True (also numpy's) stops the run, and no other return value
