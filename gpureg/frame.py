@@ -50,7 +50,8 @@ def without_extremes(image: Values, inside: npt.NDArray[np.bool_] | None = None)
     for c in range(image.shape[-1]):
         channel = image[..., c]
         low, high = limits(np.ravel(channel) if inside is None else channel[inside])
-        np.clip(channel, low, high, out=limited[..., c])
+        kind = channel.dtype.type
+        np.clip(channel, kind(low), kind(high), out=limited[..., c])
     return limited
 
 
