@@ -26,9 +26,9 @@ _NEAR = 30
 def spread(values: Values, samples: int = _SAMPLES) -> float:
     """Compute the spread of a function (n, m): the largest over its channels, 0 if each is constant.
 
-    The spread of a channel is the range of its middle 90 percent, or a quarter of the range of its middle 98 percent
-    if that is larger. If both are 0, fewer values are left out, one at each end at least; if these are constant too, it
-    is the standard deviation. Of more than 2^16 values of a channel, as many at equal distances count. The result is
+    The spread of a channel is twice the range of its middle 90 percent, which is about the range of noisy data, or half
+    the range of its middle 98 percent if that is larger. If both are 0, it is the range of all but fewer values, one at
+    each end at least; if these are constant too, it is the standard deviation. Of more than 2^16 values of a channel, as many at equal distances count. The result is
     rounded to 4 bits, so that it does not change with every sample.
     """
     return _rounded(max((_of_channel(values[:, c], samples) for c in range(values.shape[1])), default=0.0))
@@ -67,7 +67,7 @@ def _of_channel(channel: Values, samples: int) -> float:
         return _range(x.min(), x.max()) if n else 0.0
     few, fewer = max(1, n // 20), max(1, n // 100)
     part = np.partition(x, sorted({few, fewer, n - 1 - few, n - 1 - fewer}))
-    found = max(_range(part[few], part[-1 - few]), _range(part[fewer], part[-1 - fewer]) / 4)
+    found = max(2 * _range(part[few], part[-1 - few]), _range(part[fewer], part[-1 - fewer]) / 2)
     if found > 0:
         return found
     x = np.sort(channel)
@@ -86,7 +86,8 @@ def _of_channel(channel: Values, samples: int) -> float:
 
 
 def _range(low: Any, high: Any) -> float:
-    return min(float(high) - float(low), float(np.finfo(np.float64).max))
+    # half of the largest number, so that twice of it is one
+    return min(float(high) - float(low), float(np.finfo(np.float64).max) / 2)
 
 
 def _rounded(x: float) -> float:

@@ -24,7 +24,7 @@ Norm = Literal["vertex", "edge"]
 NORMS: tuple[Norm, ...] = ("vertex", "edge")
 
 # The default eps, as a share of the data's spread (eq. 15).
-RELATIVE_EPS = 1.5e-3
+RELATIVE_EPS = 1e-3
 
 # The largest values, in units of a frame, of which float32 holds the squares, and sums of them.
 _SQUARES = 2.0**60

@@ -84,10 +84,10 @@ def regularize(
         an `eps`, a tolerance and a stop of its own. Weights that depend on the data are computed from all channels.
     eps : float, optional
         Smoothing of the gradient norm (eq. 15), in the data's units. None: 1e-3 of the data's spread, or 0 if it is not
-        needed, for p = 2 and with the certified solver. The spread is the range of the middle 90 percent of the values
-        of a channel, or a quarter of that of the middle 98 percent if this is larger; the largest over the channels
-        counts. If both are 0, fewer values are left out, but one at each end; if only these differ, it is the standard
-        deviation, and for constant data their absolute value.
+        needed, for p = 2 and with the certified solver. The spread is twice the range of the middle 90 percent of the
+        values of a channel, about the range of noisy data, or half that of the middle 98 percent if this is larger; the
+        largest over the channels counts. If both are 0, fewer values are left out, but one at each end; if only these
+        differ, it is the standard deviation, and for constant data their absolute value.
     solver : str or Solver, default "jacobi"
         "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with an error
         bound), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or :class:`gpureg.Certified`.
@@ -158,7 +158,7 @@ def regularize(
     >>> f0 = np.array([0, 0, 0.3, 0, 1, 1, 0.8, 1])
     >>> result = gr.regularize(f0, gr.GridGraph(8), p=1, lam=4, max_iter=2000, tol=1e-6, backend="numpy")
     >>> result.value.round(2)
-    array([0.18, 0.18, 0.2 , 0.25, 0.78, 0.84, 0.84, 0.84])
+    array([0.17, 0.18, 0.2 , 0.25, 0.78, 0.84, 0.84, 0.84])
     >>> print(result.stop)
     The largest change in one iteration fell to the tolerance.
     """
