@@ -2,7 +2,8 @@
 
     from gpureg.skimage import denoise_nl_means, denoise_bilateral, denoise_tv_chambolle
 
-As in scikit-image, integer images become floats in 0..1 (unless `preserve_range`), and parameters are in these units.
+As in scikit-image, integer images become floats in 0..1 (unless `preserve_range`), parameters are in these units, and
+images of float64, which integers become too, are computed in float64 (`dtype` can say float32, which is faster).
 Where scikit-image's code differs from its documentation, these functions follow the documentation; see their Notes.
 """
 
@@ -23,6 +24,7 @@ from .images.nl_means import denoise_nl_means as _nl_means
 from .images.total_variation import denoise_tv as _tv
 from .regularization.options import RUN, Run
 from .solvers import Check
+from .solvers.loop import Callback
 
 __all__ = ["denoise_bilateral", "denoise_nl_means", "denoise_tv_chambolle"]
 
@@ -47,6 +49,13 @@ def _as_float(image: npt.ArrayLike, preserve_range: bool = False) -> npt.NDArray
         raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
     scaled: npt.NDArray[np.float64] = array / np.float64(np.iinfo(array.dtype).max)
     return np.maximum(scaled, -1.0)
+
+
+def _as_precise(array: npt.NDArray[Any], options: Run) -> Run:
+    """Return the options with float64 as the type to compute in, if none is given, for an image of float64."""
+    if options.get("dtype") is None and array.dtype.itemsize > 4:
+        return {**options, "dtype": np.float64}
+    return options
 
 
 @door(options=RUN)
@@ -214,6 +223,7 @@ def denoise_tv_chambolle(
     Parameters
     ----------
     image : array
+        One or more axes, not counting the channels.
     weight : float, default 0.1
         Strength of the total variation: 1/lam.
     eps : float, default 2e-4
@@ -249,8 +259,20 @@ def denoise_tv_chambolle(
     """
     weight, eps = number("weight", weight, above=0), number("eps", eps, low=0)
     array = _as_float(image)
-    energies: list[float] = []
+    most, options = integer("max_num_iter", max_num_iter, low=0), _as_precise(array, options)
     also = options.pop("callback", None)
+    if channel_axis is None:
+        return _chambolle(array, weight, eps, most, also, options)
+    axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
+    found = [_chambolle(channel, weight, eps, most, also, options) for channel in np.moveaxis(array, axis, 0)]
+    return np.stack(found, axis=axis)
+
+
+def _chambolle(
+    array: npt.NDArray[Any], weight: float, eps: float, most: int, also: Callback | None, options: Run
+) -> npt.NDArray[Any]:
+    """Denoise one channel, with an own stop."""
+    energies: list[float] = []
 
     def settled(check: Check) -> bool:
         energies.append(check.energy)
@@ -260,11 +282,5 @@ def denoise_tv_chambolle(
 
     handed: dict[str, Any] = {**options, "callback": settled}
     # weights 1/2 scale the norm by sqrt(1/2): weights 1 with lam sqrt(2) times as large have the same minimum
-    return _tv(
-        array,
-        lam=math.sqrt(2) / weight,
-        coupled=False,
-        max_iter=integer("max_num_iter", max_num_iter, low=0),
-        channel_axis=channel_axis,
-        **handed,
-    )
+    value = _tv(array[None] if array.ndim == 1 else array, lam=math.sqrt(2) / weight, max_iter=most, **handed)
+    return value.reshape(array.shape)

@@ -23,6 +23,7 @@ FLOORS: dict[str, int] = {
     "arrays": 0,
     "checks": 0,
     "doors": 0,
+    "frame": 0,
     "kernels": 0,
     "progress": 0,
     "files": 1,
@@ -54,7 +55,7 @@ FLOORS: dict[str, int] = {
 }
 
 # What may stand at the top of the package as a file: what everything rests on, and what a user imports.
-GROUND = {"_version", "arrays", "checks", "doors", "kernels", "progress"}
+GROUND = {"_version", "arrays", "checks", "doors", "frame", "kernels", "progress"}
 PUBLIC = {"__init__", "__main__", "metrics", "presets", "skimage", "sources"}
 
 # Rooms of one kind of data each. They do not know each other, and nothing below regularization knows one of them.

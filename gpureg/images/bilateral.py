@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Unpack, cast
 
 import numpy.typing as npt
 
 from ..checks import number
-from ..doors import door
+from ..doors import door, warn
 from ..noise.white import estimate_noise
 from ..weights import bilateral
 from .one_step import one_step
@@ -16,13 +17,16 @@ from .options import FILTER, Filter, check_filter, map_of
 from .raster import Raster
 from .window import cell_sizes
 
+# Number of pixels beyond which a window over the whole image is probably a mistake, and slow.
+_MANY = 1024
+
 
 @door(options=FILTER)
 def denoise_bilateral(
     image: npt.ArrayLike,
     *,
     radius: float | None = None,
-    sigma_space: float = 3.0,
+    sigma_space: float | None = None,
     sigma_value: float | npt.ArrayLike | None = None,
     **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
@@ -34,8 +38,9 @@ def denoise_bilateral(
         Two or more axes (space, time), not counting the channels; any integer or real type.
     radius : float, optional
         Radius of the window, in the units of `spacing`. None means 2 sigma_space: there the spatial factor is 0.02.
-    sigma_space : float, default 3
-        sigma_P of w1, in the units of `spacing`; sqrt(2) times the value of OpenCV and scikit-image.
+    sigma_space : float, optional
+        sigma_P of w1, in the units of `spacing`; sqrt(2) times the value of OpenCV and scikit-image. None means 3 of
+        the smallest cells.
     sigma_value : float or array, optional
         sigma_X of w1, in the image's units; sqrt(2) times the value of OpenCV and scikit-image. With one value per
         pixel, sigma_X(u) sigma_X(v) replaces its square. None means 3 sqrt(C) times the noise, for C channels.
@@ -60,7 +65,7 @@ def denoise_bilateral(
     Warns
     -----
     UserWarning
-        As :func:`gpureg.denoise_image`.
+        As :func:`gpureg.denoise_image`; also a window, chosen from `sigma_space`, that covers the whole image.
 
     Notes
     -----
@@ -77,10 +82,11 @@ def denoise_bilateral(
     asked = cast("Filter", FILTER | options)
     raster = Raster.of(image, asked["channel_axis"], asked["mask"])
     check_filter(asked, raster.shape)
-    number("sigma_space", sigma_space, above=0, finite=False)
+    finest, coarsest = cell_sizes(asked["spacing"])
+    sigma_space = 3 * finest if sigma_space is None else number("sigma_space", sigma_space, above=0, finite=False)
     if radius is None:
-        finest, coarsest = cell_sizes(asked["spacing"])
         radius = max(2 * sigma_space if math.isfinite(sigma_space) else 7 * finest, coarsest)
+        _warn_of_the_whole(raster.shape, radius, asked["spacing"], sigma_space)
     number("radius", radius, finite=False)
     if sigma_value is None:
         noise = estimate_noise(raster.values, channel_axis=raster.channel_axis, mask=raster.inside)
@@ -94,3 +100,16 @@ def denoise_bilateral(
         asked,
         radius=radius,
     )
+
+
+def _warn_of_the_whole(
+    shape: tuple[int, ...], radius: float, spacing: Sequence[float] | None, sigma_space: float
+) -> None:
+    """Warn if a window of this radius joins every pixel to all others, as lengths in another unit would do."""
+    steps = (1.0,) * len(shape) if spacing is None or len(spacing) != len(shape) else spacing
+    if math.prod(shape) > _MANY and all(radius >= (n - 1) * step for n, step in zip(shape, steps, strict=True)):
+        size = " x ".join(f"{n * step:g}" for n, step in zip(shape, steps, strict=True))
+        warn(
+            f"the window of radius {radius:g} covers the whole image of {size}: sigma_space = {sigma_space:g} is a "
+            "length in the units of spacing; None means 3 of the smallest cells, and radius gives a smaller window"
+        )

@@ -254,7 +254,7 @@ def _searched(
         "solver": asked["solver"],
         "backend": asked["backend"],
         "memory": asked["memory"],
-        "dtype": pixels.dtype,
+        "dtype": raster.chosen_type(asked["dtype"]),
     }
 
     def denoise(y: npt.NDArray[Any], lam: float) -> npt.NDArray[Any]:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..checks import choice, integer, number
 from ..doors import door
+from ..frame import spread
 from ..graphs.edges import METRICS, Metric
 from ..graphs.grid import GridGraph
 from ..model.problem import NORMS, default_eps
@@ -121,10 +122,9 @@ def inpaint_image(
         raise ValueError("every pixel is missing: at least one value of missing must be False")
     if not holes.any():
         return raster.values.copy()
-    kind = raster.computed_type(asked.pop("dtype"))
+    kind = raster.chosen_type(asked.pop("dtype"))
     cells = raster.cells
     known_values = cells[~holes].astype(np.float64)
-    data_range = float(known_values.max()) - float(known_values.min())
     eps, tol = asked.pop("eps"), asked.pop("tol")
     if eps is None:
         eps = default_eps(known_values, p)
@@ -146,7 +146,7 @@ def inpaint_image(
     # 2320 sweeps to 0.1 % of the range at p = 2; with this start none. Patch weights (radius 2, h = 60, 15 x 15 window,
     # scratches) need 900 sweeps, 24 s, from the unweighted fill, and 50, 5 s in total, from the weighted fill.
     start = f0 if plain else harmonic(f0, small, known.ravel(), weights=weights, **computed)[0]
-    found = data_range / (float(f0.max()) - float(f0.min()) or 1.0)
+    found = (spread(known_values) or 1.0) / (spread(f0[known.ravel()]) or 1.0)
     try:
         value = regularize(
             f0,
@@ -156,7 +156,7 @@ def inpaint_image(
             weights=weights,
             eps=eps,
             max_iter=max_iter,
-            # relative to the range of the whole image
+            # relative to the spread of the whole image
             tol=None if tol is None else tol * found,
             update_weights=update_weights,
             initial=start,

@@ -14,6 +14,7 @@ from ..arrays import FloatArray, IntArray
 from ..backends import Backend
 from ..checks import choice, integer, number
 from ..doors import door
+from ..frame import Frame
 from ..graphs.csr import Graph
 from ..graphs.edges import METRICS, Metric
 from ..graphs.grid import GridGraph
@@ -102,9 +103,7 @@ def patch_graph(
     number("radius", radius, finite=False)
     choice("metric", metric, METRICS)
     grid = GridGraph(raster.shape, radius, metric, spacing=asked["spacing"], mask=raster.inside)
-    values = raster.values
-    kind = np.dtype(np.float64 if values.dtype.kind == "f" and values.dtype.itemsize > 4 else np.float32)
-    f: npt.NDArray[Any] = raster.cells.astype(kind)
+    f: npt.NDArray[Any] = raster.pixels()
     if raster.inside is not None and not raster.whole:
         f = filled(f, raster.inside)
     weights: Weights = patch(patch_radius, 1.0, patch_sigma=patch_sigma)
@@ -162,11 +161,13 @@ def nearest_patches(
     # The same patch without noise, maps and cut.
     bare = patch(function.patch_radius, 1.0, patch_sigma=function.patch_sigma)
     device = backends.get(backend, np.float32 if dtype is None else dtype)
+    # only the order of the distances counts
+    compared = Frame.of(compared).into(compared, device.dtype)
     bands = _bands(grid, min(_TABLE, budget(device, memory).total // _ENTRY))
     rows, columns = [], []
     with progress_bar(progress, len(bands), "bands") as report:
         for done, (first, last) in enumerate(bands, start=1):
-            u, v = _nearest(device, grid, compared.astype(device.dtype, copy=False), bare, k, first, last)
+            u, v = _nearest(device, grid, compared, bare, k, first, last)
             rows.append(u)
             columns.append(v)
             report(done)

@@ -146,14 +146,16 @@ class Raster:
         return self.inside is None or bool(self.inside.all())
 
     def pixels(self, dtype: npt.DTypeLike | None = None) -> npt.NDArray[np.floating[Any]]:
-        """Return the cells as floats, (..., m).
+        """Return the cells as floats that hold them, (..., m): float64 or wide integers as float64, others as float32.
 
         Parameters
         ----------
         dtype : dtype, optional
-            float32 or float64. None means float32, or float64 for integers of more than 16 bits.
+            The type to compute in; at least of this type. The model subtracts an offset before it computes in float32.
         """
-        return self.cells.astype(self.computed_type(dtype), copy=False)
+        narrow = self.values.dtype.itemsize <= 2 or self.values.dtype == np.float32
+        held = np.float32 if narrow else np.float64
+        return self.cells.astype(np.promote_types(held, self.computed_type(dtype)), copy=False)
 
     def computed_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any]:
         """Return `dtype`, checked; for None float32, or float64 for integers of more than 16 bits."""
@@ -162,6 +164,11 @@ class Raster:
         if kind.newbyteorder("=") not in (np.float32, np.float64):
             raise ValueError(f"dtype must be float32 or float64, got {kind}")
         return kind
+
+    def chosen_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any] | None:
+        """Return `dtype`, checked; for None float64 for integers of more than 16 bits, otherwise None."""
+        kind = self.computed_type(dtype)
+        return None if dtype is None and kind == np.float32 else kind
 
     def like(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Convert a function on the cells to an image with the axes, type and masked pixels of this one.

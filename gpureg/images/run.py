@@ -16,7 +16,7 @@ from ..checks import choice, flag, integer
 from ..doors import door
 from ..graphs.grid import GridGraph
 from ..model.memory import budget
-from ..model.problem import NORMS, as_function, default_eps
+from ..model.problem import NORMS, as_function
 from ..model.result import Interrupted, Result, Stop
 from ..regularization.one_sweep import OneStep, one_sweep
 from ..regularization.regularize import regularize
@@ -49,11 +49,10 @@ def solve(
     """
     grid = GridGraph(pixels.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     f0 = pixels if inside is None or inside.all() else filled(pixels, inside)
-    eps = default_eps(f0, plan.p) if plan.eps is None else plan.eps
     weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
     options["solver"] = _process(plan, options.get("solver", "jacobi"))
     run = {name: options.pop(name) for name in _RUN if name in options}
-    common: dict[str, Any] = {"lam": plan.lam, "eps": eps, "weights": weights, **run}
+    common: dict[str, Any] = {"lam": plan.lam, "eps": plan.eps, "weights": weights, **run}
     process: dict[str, Any] = {"p": plan.p, "max_iter": plan.max_iter, "tol": plan.tol, **options}
     once = _fits(plan, options)
     if (plan.average_patches or plan.centre == "largest") and not once:
@@ -186,11 +185,11 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
     if ready.impulses and _is_one_sweep(plan, more["solver"]):
         # the default solver is damped where lam = 0, but a single sweep cannot oscillate
         more["solver"] = replace(cast("Jacobi", resolve(more["solver"])), damping=1)
-    pixels = ready.pixels
+    kind = raster.chosen_type(asked["dtype"])
     raster = replace(raster, inside=ready.inside)
     with _converted(raster, ready.back):
         result = solve(
-            ready.plan, pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": pixels.dtype}
+            ready.plan, ready.pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": kind}
         )
     return replace(result, value=raster.like(ready.back(result.value)), seconds=time.perf_counter() - begin)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array, Backend, Conductance, Smoothness, Weighted
+from ..frame import Frame
 from ..weights import Weights
 from .bipartite import has_swinging_part
 from .problem import Gamma, Problem
@@ -52,7 +53,12 @@ class DeviceProblem:
         if not isinstance(problem.gamma, str):
             weighted = backend.prepare_gamma(graph, problem.gamma)
         elif isinstance(problem.weights, Weights):
-            weighted = problem.weights.prepare(backend, graph, problem.f0 if reference is None else reference)
+            compared = problem.f0 if reference is None else reference
+            weights, frame = problem.weights, Frame.of(compared)
+            if problem.data is None and (own := weights.scaled(frame.scale)) is not None:
+                # an operator's data are in their own units; the weights need not be
+                weights, compared = own, frame.into(compared, backend.dtype)
+            weighted = weights.prepare(backend, graph, compared)
         else:
             weighted = backend.prepare(graph, problem.weights)
         scale = _vertex_scale(problem.gamma, backend, weighted)
@@ -117,16 +123,16 @@ class DeviceProblem:
         return self.backend.conductances(self.weighted, f, self.model, g=g)
 
     def put_function(self, f: FloatArray) -> Array:
-        """Put a host function in the caller's variable, (n, m), on the device."""
+        """Put a host function in the problem's variable, (n, m), on the device."""
         return self.backend.put(self.weighted.graph, f if self.scale is None else f * self.scale)
 
     def get_function(self, f: Array) -> FloatArray:
-        """Read a device function as the caller's f, (n, m)."""
+        """Read a device function as the problem's f, (n, m)."""
         host = self.backend.get(self.weighted.graph, f)
         return host if self.scale is None else (host / self.scale).astype(host.dtype)
 
     def change(self, a: Array, b: Array) -> float:
-        """Compute the largest difference of two device functions, (n, m), as the caller's f; infinity for a NaN."""
+        """Compute the largest difference of two device functions, (n, m), as the problem's f; infinity for a NaN."""
         if self.scale is None:
             return self.backend.max_change(self.weighted.graph, a, b)
         # the device has s f: read it only at a check, and only for these gammas
@@ -148,6 +154,9 @@ def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> fl
     lam = problem.lam
     if scale is not None:
         lam = np.broadcast_to(lam, scale.shape) / scale**2
+    # a number > 0 and finite stays so in the type of the device
+    limits = np.finfo(backend.dtype)
+    lam = np.where((lam > 0) & (lam < np.inf), np.clip(lam, limits.tiny, limits.max), lam)
     return float(lam) if lam.ndim == 0 else backend.put(problem.graph, lam)
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, all_finite, unmasked
+from ..arrays import FloatArray, all_finite, computed_type, unmasked
 from ..backends import Smoothness
 from ..checks import choice, flag, number
+from ..frame import AS_GIVEN, Frame, spread
 from ..graphs.csr import Graph
 from ..graphs.edges import check_weights, opposite_edges
 from ..graphs.grid import AnyGraph, GridGraph
@@ -22,8 +23,11 @@ GAMMAS: tuple[Gamma, ...] = ("sqrt", "combinatorial", "normalized", "degree")
 Norm = Literal["vertex", "edge"]
 NORMS: tuple[Norm, ...] = ("vertex", "edge")
 
-# The default eps, as a share of the data's range (eq. 15).
+# The default eps, as a share of the data's spread (eq. 15).
 RELATIVE_EPS = 1e-3
+
+# The largest values, in units of a frame, of which float32 holds the squares, and sums of them.
+_SQUARES = 2.0**60
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
@@ -47,7 +51,7 @@ def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray
         raise ValueError(f"{name} must have shape {allowed}, got {array.shape}")
     if flat.ndim != 2 or flat.shape[1] == 0:
         raise ValueError(f"{name} must have one or more channels, got shape {array.shape}")
-    wide = flat.dtype.itemsize > 4 or flat.dtype.kind != "f"
+    wide = flat.dtype.itemsize > (4 if flat.dtype.kind == "f" else 2)
     flat = flat.astype(np.float64 if wide else np.float32, copy=False)
     if all_finite(flat):
         return flat
@@ -131,6 +135,7 @@ class Problem:
     ----------
     graph : Graph or GridGraph
     f0 : (n, m) float array
+        The data, in units of the frame.
     p : float
         Degree of regularity > 0.
     lam : () or (n, 1) float64 array
@@ -144,7 +149,11 @@ class Problem:
     coupled : bool
         Whether all channels have one gradient norm, or one each.
     eps : float
-        Smoothing of the gradient norm, eq. 15.
+        Smoothing of the gradient norm, eq. 15, in units of the frame.
+    frame : Frame
+        The units of f0, lam, weights and eps; by default those of the data.
+    data : (n, m) float array, optional
+        The data as they were given; None means f0.
     """
 
     graph: AnyGraph
@@ -156,6 +165,8 @@ class Problem:
     norm: Norm
     coupled: bool
     eps: float
+    frame: Frame = AS_GIVEN
+    data: FloatArray | None = None
 
     @classmethod
     def make(
@@ -170,12 +181,15 @@ class Problem:
         norm: Norm = "vertex",
         coupled: bool = True,
         eps: float | None = None,
-        dtype: np.dtype[Any],
+        dtype: np.dtype[Any] | None,
         smoothed: bool = True,
+        framed: bool = False,
     ) -> Problem:
         """Check the caller's arguments; a ValueError or TypeError says what is wrong.
 
-        If not `smoothed`, the solver does not need eps, and its default is 0.
+        If not `smoothed`, the solver does not need eps, and its default is 0. If `framed`, the problem is in the units
+        of a frame, in which float32 is enough for data of any offset and scale; a dtype of None is then float64 for
+        data with values so far beyond the others that float32 does not hold their squares, otherwise float32.
         """
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
@@ -184,17 +198,72 @@ class Problem:
             raise ValueError("gamma as an array is used instead of the weights: leave weights=None")
         choice("norm", norm, NORMS)
         coupled = flag("coupled", coupled)
-        return cls(
+        fidelity = _as_pinned(graph, as_lam(graph, lam))
+        problem = cls(
             graph,
             data,
             p,
-            _as_pinned(graph, as_lam(graph, lam)),
+            fidelity,
             as_weights(graph, weights),
             edge_factor,
             norm,
             coupled,
-            _check_eps(eps, p, _inside(graph, data), dtype, smoothed),
+            _given_eps(eps, p, _known(graph, data, fidelity), smoothed),
         )
+        if framed:
+            problem = problem._in_a_frame(dtype)
+            dtype = problem.f0.dtype
+        problem._check_eps(computed_type(dtype), smoothed)
+        return problem
+
+    def _in_a_frame(self, dtype: np.dtype[Any] | None) -> Problem:
+        """Return the problem in the units of a frame, with data of this type."""
+        # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
+        symmetric = isinstance(self.gamma, str) and not uses_degrees(self.gamma)
+        frame = Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
+        weights = self.weights
+        if isinstance(weights, Weights):
+            weights = weights.scaled(frame.scale)
+            if weights is None:
+                frame, weights = AS_GIVEN, self.weights
+        if dtype is None:
+            dtype = np.dtype(np.float64 if frame.reach(self.f0) > _SQUARES else np.float32)
+        return replace(
+            self,
+            f0=frame.into(self.f0, dtype),
+            lam=frame.lam(self.lam, self.p),
+            weights=weights,
+            eps=self.eps / frame.scale,
+            frame=frame,
+            data=self.f0,
+        )
+
+    def _check_eps(self, dtype: np.dtype[Any], smoothed: bool) -> None:
+        p, eps, limits = self.p, self.eps, np.finfo(dtype)
+        if p >= 2 or not (smoothed or eps > 0):
+            return
+        # (g2 + eps^2)^((p - 2)/2) must be finite where the data is flat, and so must sums of a few thousand of them
+        if eps == 0 or eps**2 < limits.tiny or (p - 2) * math.log(eps) > math.log(float(limits.max)) - 12:
+            raise ValueError(
+                f"eps = {eps * self.frame.scale:g} is too small for p = {p:g} in {dtype}: 1/eps^(2-p) must be finite. "
+                "Use a larger eps (None picks 1e-3 of the data's spread), or float64"
+            )
+
+    def framed(self, f: FloatArray) -> FloatArray:
+        """Return a function in the data's units, (n, m), in those of the frame."""
+        return self.frame.into(f, self.f0.dtype)
+
+    def back(self, f: FloatArray) -> FloatArray:
+        """Return a function in the units of the frame, (n, m), in those of the data, a new array.
+
+        It has the data's type if that is wider. Where lam is infinite it has the data, bit for bit.
+        """
+        data = self.f0 if self.data is None else self.data
+        value = self.frame.back(f, np.promote_types(f.dtype, data.dtype))
+        pinned = np.isinf(self.lam)
+        if pinned.any():
+            value = data.astype(value.dtype) if pinned.ndim == 0 else np.where(pinned, data, value)
+        return value
 
     @property
     def smoothness(self) -> Smoothness:
@@ -202,14 +271,19 @@ class Problem:
         return Smoothness(self.p, self.eps, self.coupled, self.norm == "edge")
 
     @property
-    def data_range(self) -> float:
-        """Largest minus smallest value of the data, inside the mask of a grid."""
-        return _spread(_inside(self.graph, self.f0))
+    def spread(self) -> float:
+        """The spread of the data (:func:`gpureg.frame.spread`) where there are any; 1 for constant data."""
+        return spread(_known(self.graph, self.f0, self.lam)) or 1.0
 
 
-def _inside(graph: AnyGraph, f: FloatArray) -> FloatArray:
-    """Return the rows of a function, (n, m), at vertices inside the mask."""
-    return f[graph.mask.ravel()] if isinstance(graph, GridGraph) and graph.mask is not None else f
+def _known(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
+    """Return the rows of a function, (n, m), at vertices inside the mask with a fidelity > 0; if it is 0, at all."""
+    known = np.ones(1, bool) if lam.ndim == 0 else lam[:, 0] > 0
+    if isinstance(graph, GridGraph) and graph.mask is not None:
+        # lam is infinite outside the mask
+        inside = graph.mask.ravel()
+        known = known & inside if (known & inside).any() else inside
+    return f if known.all() or not known.any() else f[known]
 
 
 def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
@@ -219,29 +293,17 @@ def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
     return np.where(graph.mask.reshape(-1, 1), lam, np.inf)
 
 
-def _spread(f: FloatArray) -> float:
-    return float(f.max()) - float(f.min()) if f.size else 0.0
-
-
 def default_eps(f0: FloatArray, p: float) -> float:
-    """Return the default smoothing: 1e-3 of the range of the data, (n, m), or 0 for p = 2, which does not use it."""
+    """Return the default smoothing: 1e-3 of the spread of the data, (n, m), or 0 for p = 2, which does not use it.
+
+    The spread is that of :func:`gpureg.frame.spread`. For constant data it is their absolute value, or 1.
+    """
     if p == 2:
         return 0.0
-    spread = _spread(f0)
-    # for constant data use its absolute value instead of the range
-    return RELATIVE_EPS * (spread or (abs(float(f0.flat[0])) if f0.size else 0.0) or 1.0)
+    return RELATIVE_EPS * (spread(f0) or (abs(float(f0.flat[0])) if f0.size else 0.0) or 1.0)
 
 
-def _check_eps(eps: float | None, p: float, f0: FloatArray, dtype: np.dtype[Any], smoothed: bool) -> float:
+def _given_eps(eps: float | None, p: float, f0: FloatArray, smoothed: bool) -> float:
     if eps is None:
-        eps = default_eps(f0, p) if smoothed else 0.0
-    eps = number("eps", eps, low=0)
-    if p < 2 and (smoothed or eps > 0):
-        limits = np.finfo(dtype)
-        # (g2 + eps^2)^((p - 2)/2) must be finite where the data is flat, and so must sums of a few thousand of them
-        if eps == 0 or eps**2 < limits.tiny or (p - 2) * math.log(eps) > math.log(float(limits.max)) - 12:
-            raise ValueError(
-                f"eps = {eps:g} is too small for p = {p:g} in {dtype}: 1/eps^(2-p) must be finite. Use a larger eps "
-                "(None picks 1e-3 of the data's range), or float64"
-            )
-    return eps
+        return default_eps(f0, p) if smoothed else 0.0
+    return number("eps", eps, low=0)

@@ -94,7 +94,7 @@ def harmonic(
     if not len(unknown):
         return f, reached
     kind = computed_type(dtype)
-    problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind)
+    problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind, framed=True)
     on = DeviceProblem.put(problem, backends.get(backend, kind))
     edges = undirected_edges(on, wanted=~known)
     u, v, there, back = edges.u, edges.v, edges.there, edges.back

@@ -46,9 +46,9 @@ def one_sweep(
     interruption there is no iterate. `step` describes differences from a sweep of eq. 25.
     """
     begin = time.perf_counter()
-    kind = computed_type(dtype)
-    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind)
-    device = backends.get(backend, kind)
+    kind = None if dtype is None else computed_type(dtype)
+    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=True)
+    device = backends.get(backend, problem.f0.dtype)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step
     averages = step.averaged is not None
@@ -64,10 +64,10 @@ def one_sweep(
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
         value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
     return Result.bare(
-        as_given(value, f0, graph),
+        as_given(problem.back(value), f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
-        eps=problem.eps,
+        eps=problem.eps * problem.frame.scale,
         method="Gauss-Jacobi (eq. 25), "
         + (
             "each patch estimated as a whole, patches averaged." if averages else "its weights computed and not stored."

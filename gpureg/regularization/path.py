@@ -12,17 +12,19 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import unmasked
+from ..checks import flag
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..model.memory import budget
 from ..model.on_device import DeviceProblem
-from ..model.problem import Problem, uses_degrees
+from ..model.problem import Problem, as_function, uses_degrees
 from ..model.result import Result
 from ..progress import progress_bar
 from ..solvers import resolve, run
 from ..weights import Weights
 from .options import MODEL, Model
-from .regularize import as_run, regularize, result_of, tiles_of
+from .regularize import as_run, regularize, result_of
+from .tiled import tiles_of
 
 # Settings of `regularize` that are the same for all runs of a series.
 SETTINGS = frozenset(("weights", "gamma", "coupled", "max_iter", *MODEL)) - {"callback", "progress"}
@@ -31,7 +33,8 @@ SETTINGS = frozenset(("weights", "gamma", "coupled", "max_iter", *MODEL)) - {"ca
 class Series:
     """Runs of :func:`gpureg.regularize` on the same data, graph and weights; each starts from the previous result.
 
-    The weights are computed once, but a job that needs tiles calls :func:`gpureg.regularize` for each run.
+    The weights are computed once, but a job that needs tiles, or several separate channels, calls
+    :func:`gpureg.regularize` for each run.
 
     Parameters
     ----------
@@ -69,14 +72,23 @@ class Series:
         """Run with this fidelity, a number or an (n,) array, and degree."""
         begin = time.perf_counter()
         problem = Problem.make(
-            self._f0, self._graph, p=p, lam=lam, dtype=self._dtype, smoothed=self._solver.smooths, **self._model
+            self._f0,
+            self._graph,
+            p=p,
+            lam=lam,
+            dtype=self._dtype,
+            smoothed=self._solver.smooths,
+            framed=True,
+            **self._model,
         )
         device = backends.get(self._run["backend"], self._dtype)
         callback = self._run["callback"]
+        if not flag("coupled", self._model["coupled"]) and as_function(self._graph, self._f0, "f0").shape[1] > 1:
+            return self._anew(lam, p)
         if self._last is None or self._on is None:
             allowed = budget(device, self._run["memory"])
             if tiles_of(problem, device, self._solver, allowed, self._max_iter, self._tol, callback, None) is not None:
-                return self._in_tiles(lam, p)
+                return self._anew(lam, p)
             self._solver.accept(problem)
             self._on = DeviceProblem.put(problem, device)
         else:
@@ -100,7 +112,7 @@ class Series:
         self._last = result_of(outcome, self._f0, self._graph, begin)
         return self._last
 
-    def _in_tiles(self, lam: float | npt.ArrayLike, p: float) -> Result:
+    def _anew(self, lam: float | npt.ArrayLike, p: float) -> Result:
         self._last = regularize(
             self._f0,
             self._graph,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,16 +18,18 @@ from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
-from ..model.memory import Budget, Job, budget, readable
+from ..model.memory import budget
 from ..model.on_device import DeviceProblem
 from ..model.problem import Norm, Problem, as_function, uses_degrees
 from ..model.result import Interrupted, Result, Stop
+from ..model.rounding import rounding_of
 from ..progress import progress_bar
 from ..solvers import Jacobi, Solver, resolve, run
 from ..solvers.loop import Callback, Outcome
 from ..weights import Weights
-from .tiled import run_in_tiles, why_whole
-from .tiling import Tiling, halo, tiling, work_of
+from .by_channel import by_channel
+from .tiled import run_in_tiles, tiles_of
+from .tiling import Tiling
 
 
 @door
@@ -77,10 +80,14 @@ def regularize(
         The smoothness: "vertex" is eq. 20, the gradient norm of a vertex raised to p (isotropic); "edge" is eq. 30,
         a sum over single edges (anisotropic). At p = 2 "edge" with lam is "vertex" with 2 lam.
     coupled : bool, default True
-        Whether all m channels have one gradient norm (section 5.1), or one each.
+        Whether all m channels have one gradient norm (section 5.1), or each is regularized as if it were alone, with
+        an `eps`, a tolerance and a stop of its own. Weights that depend on the data are computed from all channels.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15), in the data's units. None: 1e-3 of the data's range, or 0 if it is not
-        needed, for p = 2 and with the certified solver.
+        Smoothing of the gradient norm (eq. 15), in the data's units. None: 1e-3 of the data's spread, or 0 if it is not
+        needed, for p = 2 and with the certified solver. The spread is twice the range of the middle 90 percent of the
+        values of a channel, about the range of noisy data, or half that of the middle 98 percent if this is larger; the
+        largest over the channels counts. If both are 0, fewer values are left out, but one at each end; if only these
+        differ, it is the standard deviation, and for constant data their absolute value.
     solver : str or Solver, default "jacobi"
         "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with an error
         bound), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or :class:`gpureg.Certified`.
@@ -88,7 +95,7 @@ def regularize(
         Maximal number of iterations. None: 100 with "jacobi" and "euler", 20 000 with "certified".
     tol : float, optional
         Tolerance of the stop test. "jacobi" and "euler" stop once the largest change in one iteration is at most this
-        share of the data's range (for a small lam the error can be far larger than the last change; ``stop`` of the
+        share of the data's spread (for a small lam the error can be far larger than the last change; ``stop`` of the
         solver object selects other tests), and make no test if None. "certified" stops once the duality gap is at most
         this share of the energy; None: 1e-4.
     update_weights : int, optional
@@ -101,7 +108,8 @@ def regularize(
     backend : str, default "auto"
         "auto", "numpy", "opencl", "warp", or a device such as "opencl:1". GPUREG_BACKEND overrides "auto".
     dtype : dtype, optional
-        Type to compute in: float32 (the default) or float64.
+        Type to compute in, float32 or float64. None: float32, but float64 for data with values so far beyond the others
+        (10^18 times their spread) that float32 does not hold their squares.
     callback : callable, optional
         Called with a :class:`gpureg.Check` before the first iteration and at every check; returning True stops the run.
     progress : bool, default False
@@ -113,7 +121,9 @@ def regularize(
     Returns
     -------
     Result
-        The value, in the shape of `f0` and the type computed in, and information about the run. A job on a grid that
+        The value, in the shape of `f0`, and information about the run. Its type is the one computed in, or float64 for
+        data that need it (float64, integers of more than 16 bits); where lam is infinite it is the data, bit for bit.
+        The data's offset and a power of two are taken out before computing and put back. A job on a grid that
         does not fit into memory is done in tiles, with a halo that gives the same value bit for bit, but no energies.
 
     Raises
@@ -148,7 +158,7 @@ def regularize(
     >>> f0 = np.array([0, 0, 0.3, 0, 1, 1, 0.8, 1])
     >>> result = gr.regularize(f0, gr.GridGraph(8), p=1, lam=4, max_iter=2000, tol=1e-6, backend="numpy")
     >>> result.value.round(2)
-    array([0.18, 0.18, 0.2 , 0.25, 0.78, 0.84, 0.84, 0.84], dtype=float32)
+    array([0.17, 0.18, 0.2 , 0.25, 0.78, 0.84, 0.84, 0.84])
     >>> print(result.stop)
     The largest change in one iteration fell to the tolerance.
     """
@@ -168,6 +178,12 @@ def regularize(
                 "update_weights needs a weight function to compute anew, such as gpureg.weights.bilateral(...), "
                 f"got weights={'None' if weights is None else 'an array'}"
             )
+    if update_weights is None and not flag("coupled", coupled) and as_function(graph, f0, "f0").shape[1] > 1:
+        model = {"p": p, "lam": lam, "gamma": gamma, "norm": norm, "eps": eps}
+        how = {"solver": method, "max_iter": max_iter, "tol": tol, "dtype": dtype, "memory": memory}
+        options = {**model, **how, "backend": backend, "progress": progress}
+        found = by_channel(regularize, f0, graph, weights=weights, initial=initial, callback=callback, options=options)
+        return replace(found, value=as_given(found.value, f0, graph))
     problem = Problem.make(
         f0,
         graph,
@@ -178,17 +194,19 @@ def regularize(
         norm=norm,
         coupled=coupled,
         eps=eps,
-        dtype=kind,
+        dtype=None if dtype is None else kind,
         smoothed=method.smooths,
+        framed=True,
     )
+    kind = problem.f0.dtype
     method.accept(problem)
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
     device = backends.get(backend, kind)
-    threshold = None if tol is None else tol * (problem.data_range or 1.0)
+    threshold = None if tol is None else tol * problem.spread
     tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, update_weights)
-    first = problem.f0 if start is None else start
+    first = problem.f0 if start is None else problem.framed(start)
     # the loop reports overflow with a clear message
     with np.errstate(over="ignore", invalid="ignore"):
         if tiles is not None:
@@ -232,62 +250,28 @@ def as_run(
 
 def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
     """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted."""
-    problem, course = outcome.problem, outcome.course
+    on, course = outcome.problem, outcome.course
+    problem, frame = on.problem, on.problem.frame
     # an interruption may come after the last check
     gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
+    if gap is not None:
+        gap += rounding_of(problem, course.energies[-1], on.backend.dtype)
     result = Result(
-        value=as_given(problem.get_function(outcome.f), f0, graph),
+        value=as_given(problem.back(on.get_function(outcome.f)), f0, graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        energy=np.array(course.energies),
+        energy=np.array([frame.energy(energy, problem.p) for energy in course.energies]),
         checks=np.array(course.checks),
-        gap=gap,
-        error_bound=None if gap is None else math.sqrt(2 * gap / float(np.min(problem.problem.lam))),
-        eps=problem.eps,
+        gap=None if gap is None else frame.energy(gap, problem.p),
+        error_bound=None if gap is None else frame.scale * math.sqrt(2 * gap / float(np.min(problem.lam))),
+        eps=problem.eps * frame.scale,
         method=outcome.method,
-        backend=repr(problem.backend),
+        backend=repr(on.backend),
         seconds=time.perf_counter() - begin,
     )
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)
     return result
-
-
-def tiles_of(
-    problem: Problem,
-    device: Backend,
-    method: Solver,
-    allowed: Budget,
-    max_iter: int,
-    tol: float | None,
-    callback: Callback | None,
-    update_weights: int | None,
-) -> Tiling | None:
-    """Choose tiles for a job that does not fit into memory; None if it fits."""
-    m = problem.f0.shape[1]
-    job = Job(
-        channels=m,
-        norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
-        weights=problem.weights,
-        directed=not isinstance(problem.gamma, str),
-        per_vertex=problem.lam.ndim > 0,
-        keeps=method.keeps(problem),
-    )
-    need = job.need(problem.graph, device)
-    if allowed.holds(need) or max_iter == 0:
-        return None
-    why = why_whole(problem, method, callback=callback is not None, update_weights=update_weights)
-    if why is not None:
-        if not allowed.asked and need.total <= device.device.memory and need.largest <= device.largest_buffer:
-            return None
-        raise MemoryError(
-            f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
-            f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
-        )
-    assert isinstance(problem.graph, GridGraph)
-    # a block ends at every check and every update of the weights
-    most = min(max_iter, method.check_every if tol is not None else max_iter, update_weights or max_iter)
-    return tiling(problem.graph, job, device, allowed, lambda n: halo(problem, n), work_of(problem), most)
 
 
 def _in_tiles(
@@ -318,10 +302,10 @@ def _in_tiles(
             report=lambda done, of: report(done),
         )
     result = Result.bare(
-        as_given(outcome.value, f0, problem.graph),
+        as_given(problem.back(outcome.value), f0, problem.graph),
         iterations=outcome.iterations,
         stop=outcome.stop,
-        eps=problem.eps,
+        eps=problem.eps * problem.frame.scale,
         method=outcome.method,
         backend=repr(device),
         seconds=time.perf_counter() - begin,

@@ -17,13 +17,14 @@ from ..arrays import FloatArray, all_finite
 from ..backends import Array, Backend
 from ..graphs.grid import GridGraph
 from ..graphs.grid_parts import rows_of
+from ..model.memory import Budget, Job, readable
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
 from ..solvers import Jacobi, Solver
-from ..solvers.loop import expect_finite
+from ..solvers.loop import Callback, expect_finite
 from ..weights import Weights
-from .tiling import Tile, Tiling, part_problem, without_halo
+from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
 
 
 def why_whole(
@@ -56,6 +57,43 @@ def why_whole(
         if problem.weights.part(problem.graph, everything) is None:
             return f"{type(problem.weights).__name__} weights may know all vertices by their numbers"
     return None
+
+
+def tiles_of(
+    problem: Problem,
+    device: Backend,
+    method: Solver,
+    allowed: Budget,
+    max_iter: int,
+    tol: float | None,
+    callback: Callback | None,
+    update_weights: int | None,
+) -> Tiling | None:
+    """Choose tiles for a job that does not fit into memory; None if it fits."""
+    m = problem.f0.shape[1]
+    job = Job(
+        channels=m,
+        norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
+        weights=problem.weights,
+        directed=not isinstance(problem.gamma, str),
+        per_vertex=problem.lam.ndim > 0,
+        keeps=method.keeps(problem),
+    )
+    need = job.need(problem.graph, device)
+    if allowed.holds(need) or max_iter == 0:
+        return None
+    why = why_whole(problem, method, callback=callback is not None, update_weights=update_weights)
+    if why is not None:
+        if not allowed.asked and need.total <= device.device.memory and need.largest <= device.largest_buffer:
+            return None
+        raise MemoryError(
+            f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
+            f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
+        )
+    assert isinstance(problem.graph, GridGraph)
+    # a block ends at every check and every update of the weights
+    most = min(max_iter, method.check_every if tol is not None else max_iter, update_weights or max_iter)
+    return tiling(problem.graph, job, device, allowed, lambda n: halo(problem, n), work_of(problem), most)
 
 
 @dataclass

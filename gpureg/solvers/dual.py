@@ -30,6 +30,7 @@ class _State:
     y_previous: Array
     p: float  # y is a dual variable for this p
     sigma: float
+    unit: float  # of lam and sigma
     t: float = 1.0  # momentum
     dual: float = -math.inf  # D at the last check
     restarts: int = 0
@@ -53,7 +54,7 @@ class Dual(Solver[_State]):
         if backend.max_change(weighted.graph, initial, problem.f0) > 0:
             y, y_previous, f = _from_slopes(problem, initial, y, y_previous, f, sigma)
         backend.copy(weighted.graph, f, out=previous)
-        return _State(f, previous, y, y_previous, problem.p, sigma)
+        return _State(f, previous, y, y_previous, problem.p, sigma, _unit(problem))
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
         """Continue from the last y; for p = 1, which needs y in the unit ball, only if it was computed for p = 1."""
@@ -63,7 +64,7 @@ class Dual(Solver[_State]):
         backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
         backend.copy(weighted.graph, state.f, out=state.previous)
         # the first step has beta = 0 and does not use y_previous
-        return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem))
+        return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem), _unit(problem))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do a proximal step on y and compute its f, into the buffers of the second last iterates."""
@@ -97,7 +98,12 @@ class Dual(Solver[_State]):
     def describe(self, state: _State) -> str:
         """Describe the process, and its number of restarts."""
         again = f", begun anew {state.restarts} time(s)" if state.restarts else ""
-        return f"Accelerated proximal gradient on the dual problem, step {state.sigma:.6g}{again}"
+        return f"Accelerated proximal gradient on the dual problem, step {state.sigma / state.unit:.6g}{again}"
+
+
+def _unit(problem: DeviceProblem) -> float:
+    """Return lam in units of the frame, for a lam of 1."""
+    return float(problem.problem.frame.lam(np.ones(()), problem.p))
 
 
 def hidden(problem: DeviceProblem, energy: float) -> float:

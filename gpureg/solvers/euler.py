@@ -79,14 +79,17 @@ class Euler(Process[_State]):
         """Check that the step is stable; return the state before the first step, from `initial`, (n, m)."""
         backend, graph = problem.backend, problem.weighted.graph
         degree, lam = _variable(problem)
+        # steps are in units of 1/lam
+        unit = float(problem.problem.frame.lam(np.ones(()), problem.p))
         bound = stable_step(problem, initial, degree, lam)
-        step = self.step if self.step is not None else (bound / 2 if math.isfinite(bound) else 1.0)
+        step = self.step / unit if self.step is not None else (bound / 2 if math.isfinite(bound) else 1.0)
         if step > bound * (1 + 1e-9):
             if problem.p == 2:
-                _expect_stable(problem, step, bound, lam)
+                _expect_stable(problem, step, bound, lam)  # at p = 2 the unit is 1
             else:
                 warnings.warn(
-                    f"step = {step:g} is beyond the bound {bound:.6g} for p = {problem.p:g} and eps = {problem.eps:g}: "
+                    f"step = {step * unit:g} is beyond the bound {bound * unit:.6g} for p = {problem.p:g} and "
+                    f"eps = {problem.eps * problem.problem.frame.scale:g}: "
                     "the energy may rise, or the process diverge. Use a smaller step, a larger eps, or solver='jacobi'",
                     RuntimeWarning,
                     stacklevel=2,
@@ -94,7 +97,7 @@ class Euler(Process[_State]):
         # steps of g = s f are s^2 times as long, because eq. 24 is for f
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
         empty, test = backend.empty(graph, problem.channels), self.test(problem, initial)
-        return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step, bound)
+        return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step * unit, bound * unit)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one step, into the buffer of the second last iterate."""

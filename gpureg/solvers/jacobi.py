@@ -47,9 +47,9 @@ class Jacobi(Process[_State]):
         fewer iterations if the plain process is slow (small lam or eps), otherwise a half to a third; an iteration
         takes several times as long as a sweep over few neighbours, and 23 more functions are stored on the device.
     stop : {"change", "error", "gradient", "energy"}, default "change"
-        The stop test. "change": the largest change of a value in an iteration, as a share of the data's range; the
+        The stop test. "change": the largest change of a value in an iteration, as a share of the data's spread; the
         distance from the limit can be far larger (800 times at lam = 0.01 on 4-adjacency). "error": the estimated
-        distance from the limit, as a share of the range, if changes go on to decrease at the rate of the last checks;
+        distance from the limit, as a share of the spread, if changes go on to decrease at the rate of the last checks;
         it needs three checks, and does not work with `accelerate`, which has no such rate. "gradient": the norm of the
         energy's gradient, as a share of that at the start; for p >= 1 and lam > 0 everywhere ``Result.gap`` then bounds
         how far the energy is above its minimum. "energy": the change of the energy per iteration since the last check,

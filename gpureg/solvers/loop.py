@@ -16,6 +16,7 @@ from ..doors import calling_back
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
+from ..model.rounding import rounding_of
 
 if TYPE_CHECKING:
     # known to mypy without being installed; Python has TypeVar(default=...) from 3.13 on
@@ -60,7 +61,7 @@ class Course:
     tol : float or None
         The tolerance; its meaning depends on the solver.
     span : float
-        The data's range, or 1 for constant data.
+        The data's spread, or 1 for constant data; 0 without a tolerance.
     """
 
     tol: float | None
@@ -72,7 +73,7 @@ class Course:
 
     @property
     def stands_still(self) -> bool:
-        """Whether the last change is at most tol times the data's range."""
+        """Whether the last change is at most tol times the data's spread."""
         return self.tol is not None and self.changes[-1] <= self.tol * self.span
 
     def drop_unfinished(self) -> None:
@@ -136,7 +137,7 @@ class Solver(ABC, Generic[S]):
         return state, None
 
     def judge(self, problem: DeviceProblem, state: S, course: Course) -> Stop | None:
-        """Return why to stop at this check, or None; by default stop if a change is at most tol times the range."""
+        """Return why to stop at this check, or None; by default stop if a change is at most tol times the spread."""
         return Stop.TOLERANCE if course.stands_still else None
 
     @abstractmethod
@@ -234,7 +235,7 @@ def run(
         Values that are no longer finite.
     """
     backend = problem.backend
-    course = Course(tol, problem.problem.data_range or 1.0)
+    course = Course(tol, 0.0 if tol is None else problem.problem.spread)
     state, done = solver.start(problem, initial) if resume is None else solver.resume(problem, resume), 0
 
     def look() -> Stop | None:
@@ -271,9 +272,14 @@ def run(
         def value() -> FloatArray:
             if done != at:
                 raise RuntimeError("check.value() reads the iterate of its own check: call it inside the callback")
-            return of.get_function(now)
+            return of.problem.back(of.get_function(now))
 
-        check = Check(done, course.energies[-1], course.changes[-1], course.gaps[-1], value)
+        frame, gap = problem.problem.frame, course.gaps[-1]
+        energy, change = frame.energy(course.energies[-1], problem.p), course.changes[-1] * frame.scale
+        if gap is not None:
+            gap += rounding_of(problem.problem, course.energies[-1], backend.dtype)
+            gap = frame.energy(gap, problem.p)
+        check = Check(done, energy, change, gap, value)
         with calling_back():
             answer = callback(check)
         # only True (also numpy's) stops the run, and no other return value

@@ -120,7 +120,7 @@ class Newton(Solver[_State]):
         host = np.where(free > 0, host, model.f0)
         y = np.zeros((len(model.d.start), problem.channels))
         previous = backend.empty(graph, problem.channels)
-        eps = problem.eps if problem.eps or problem.p >= 2 else 0.1 * (problem.problem.data_range or 1.0)
+        eps = problem.eps if problem.eps or problem.p >= 2 else 0.1 * problem.problem.spread
         return _State(problem.put_function(host), previous, model, host, y, eps)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:

@@ -52,7 +52,7 @@ class StopTest(ABC):
 
 @dataclass(frozen=True)
 class Change(StopTest):
-    """The largest change of a value in the last iteration, as a share of the data's range."""
+    """The largest change of a value in the last iteration, as a share of the data's spread."""
 
     def judge(self, problem: DeviceProblem, course: Course, tol: float) -> Stop | None:
         """Stop if the iterate hardly changes."""
@@ -61,7 +61,7 @@ class Change(StopTest):
 
 @dataclass(frozen=True)
 class Error(StopTest):
-    """The estimated distance from the limit, as a share of the data's range.
+    """The estimated distance from the limit, as a share of the data's spread.
 
     Attributes
     ----------

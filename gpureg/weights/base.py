@@ -40,6 +40,13 @@ class Weights(ABC):
         """
         return self
 
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function that gives the data divided by `scale`, plus a constant, the same weights.
+
+        None if it is not known, as for other classes: then the weights are computed from the data as they are.
+        """
+        return None
+
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """Return the weight function for a part of the grid, with the same weights there, bit for bit.
 
@@ -86,6 +93,10 @@ class EdgeWeights(Weights):
     """
 
     reads_data: ClassVar[bool] = True
+
+    def scaled(self, scale: float) -> Weights | None:
+        """Return itself if it does not depend on the data."""
+        return None if self.reads_data else self
 
     @abstractmethod
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
@@ -180,6 +191,13 @@ def parameter(name: str, value: float | npt.ArrayLike, *, infinite: bool = False
 def part_of_parameter(parameter: Parameter, grid: GridGraph, box: tuple[slice, ...], name: str) -> Parameter:
     """Return a parameter for a part of the grid."""
     return parameter.part(grid, box, name) if isinstance(parameter, PerVertex) else parameter
+
+
+def scaled_parameter(parameter: Parameter, scale: float) -> Parameter:
+    """Return a parameter in the units of the data, for data divided by `scale`, a power of two."""
+    if isinstance(parameter, PerVertex):
+        return replace(parameter, values=parameter.values / scale, middle=parameter.middle / scale)
+    return parameter / scale
 
 
 AnyWeights = Weights | npt.ArrayLike | None

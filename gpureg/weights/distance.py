@@ -74,6 +74,10 @@ class Constant(Weights):
             return backend.prepare(graph, np.ones(graph.n_edges, backend.dtype))
         return backend.prepare(graph, None)
 
+    def scaled(self, scale: float) -> Weights | None:
+        """Return itself."""
+        return self
+
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """Return itself."""
         return self
@@ -119,7 +123,7 @@ class Gaussian(EdgeWeights):
 
     def between(self, graph: AnyGraph, f0: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
         """Compute the weights exp(-|features(u) - features(v)|^2 / sigma^2), (k,)."""
-        weights: FloatArray = np.exp(-_squared_distances(self._of(graph), u, v) / self.sigma**2)
+        weights: FloatArray = np.exp(-_squared_distances(self._of(graph), u, v, self.sigma))
         return weights
 
 

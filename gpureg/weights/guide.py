@@ -14,6 +14,7 @@ from ..arrays import FloatArray
 from ..backends import Backend, Weighted
 from ..checks import flag, number
 from ..doors import door
+from ..frame import Frame
 from ..graphs.grid import AnyGraph, GridGraph
 from .base import PatchWeights, Weights, rows_of
 
@@ -77,6 +78,12 @@ class Guided(Compared):
         """Return the weight function with the guide as rows (n, q)."""
         return Guided(self.weights.on(graph), self.of(graph, self.guide))
 
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function with the guide in units of its own; it must be rows (n, q)."""
+        frame = Frame.of(self.guide)
+        weights = self.weights.scaled(frame.scale)
+        return None if weights is None else Guided(weights, frame.into(self.guide, self.guide.dtype))
+
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """Return the weight function with the part of the guide."""
         weights = self.weights.part(grid, box)
@@ -108,6 +115,11 @@ class Smoothed(Compared):
             ndimage.gaussian_filter(cells[..., c], stds, mode="mirror", truncate=_TRUNCATE) for c in range(f.shape[1])
         ]
         return np.stack(channels, axis=-1).reshape(f.shape)
+
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function with the inner one in the new unit."""
+        weights = self.weights.scaled(scale)
+        return None if weights is None else replace(self, weights=weights)
 
     @property
     def reach(self) -> int:

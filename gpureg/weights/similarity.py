@@ -13,7 +13,7 @@ from ..backends import PatchForm, Storage
 from ..checks import integer, number
 from ..doors import door
 from ..graphs.grid import AnyGraph, GridGraph
-from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter
+from .base import Parameter, PatchWeights, PerVertex, Weights, parameter, part_of_parameter, scaled_parameter
 from .distance import nearness
 from .guide import Compared
 
@@ -47,6 +47,10 @@ class Bilateral(PatchWeights):
     sigma_space: float
     sigma_value: Parameter
 
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function with its sigma_value in the new unit."""
+        return replace(self, sigma_value=scaled_parameter(self.sigma_value, scale))
+
     def part(self, grid: GridGraph, box: tuple[slice, ...]) -> Weights | None:
         """Return the weight function with the part of its map."""
         return replace(self, sigma_value=part_of_parameter(self.sigma_value, grid, box, "sigma_value"))
@@ -68,6 +72,10 @@ class Patch(PatchWeights):
     patch_sigma: float | None = None
     cut: float = 0.0
     sigma_space: float = math.inf
+
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function with its h and sigma in the new unit."""
+        return replace(self, h=scaled_parameter(self.h, scale), sigma=scaled_parameter(self.sigma, scale))
 
     @property
     def reach(self) -> int:
@@ -115,6 +123,11 @@ class Held(PatchWeights):
         """Radius of the inner weight function."""
         return self.weights.reach
 
+    def scaled(self, scale: float) -> Weights | None:
+        """Return the weight function with the inner one in the new unit."""
+        weights = self.weights.scaled(scale)
+        return replace(self, weights=weights) if isinstance(weights, PatchWeights) else None
+
     def form(self, graph: AnyGraph, channels: int, dtype: npt.DTypeLike) -> PatchForm:
         """Return the parameters of the inner weight function."""
         return self.weights.form(graph, channels, dtype)
@@ -153,7 +166,7 @@ def bilateral(sigma_space: float, sigma_value: float | npt.ArrayLike) -> Weights
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
     >>> weights = gr.weights.bilateral(2.0, 0.1)
     >>> gr.regularize(step, gr.GridGraph(8), weights=weights, backend="numpy").value[:, 0].round(3)
-    array([0., 0., 0., 0., 1., 1., 1., 1.], dtype=float32)
+    array([0., 0., 0., 0., 1., 1., 1., 1.])
     """
     return Bilateral(
         number("sigma_space", sigma_space, above=0, finite=False), parameter("sigma_value", sigma_value, infinite=True)
@@ -249,7 +262,7 @@ def half(weights: Weights) -> Weights:
     >>> step = np.repeat([[0.0, 1.0]], 4, axis=1).T
     >>> weights = gr.weights.half(gr.weights.bilateral(2.0, 0.7))
     >>> gr.regularize(step, gr.GridGraph(8), weights=weights, max_iter=1, backend="numpy").value[2:6, 0].round(3)
-    array([0.   , 0.073, 0.927, 1.   ], dtype=float32)
+    array([0.   , 0.073, 0.927, 1.   ])
     """
     return Held(_patch_weights_for(weights, "half"), "half")
 

@@ -11,7 +11,6 @@ from gpureg import backends
 from gpureg.backends import PatchForm
 from gpureg.model import memory
 from gpureg.regularization import one_sweep as sweep
-from gpureg.regularization import regularize as regularization
 from gpureg.regularization import tiled as cutting
 from gpureg.regularization import tiling as tiling_room
 
@@ -34,7 +33,7 @@ def pieces(monkeypatch: pytest.MonkeyPatch) -> list:
     """The tilings that were chosen."""
     found: list = []
     tiling = tiling_room.tiling
-    for room in (regularization, sweep):
+    for room in (cutting, sweep):
         monkeypatch.setattr(room, "tiling", lambda *a: found.append(tiling(*a)) or found[-1])
     return found
 

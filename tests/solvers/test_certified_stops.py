@@ -76,9 +76,13 @@ def test_newton_to_the_last_digit(seed: int) -> None:
 
 
 def test_out_of_range_is_an_error() -> None:
-    """Squares of y that underflow: not a gap of 0."""
+    """Powers of one far sample that overflow; a lam or data of any size are computed in units that fit."""
+    far = noisy()
+    far[5, 6] = 1e30
     with pytest.raises(FloatingPointError, match="float64"):
-        gr.regularize(noisy() * 1e-3, GRID, p=8, lam=1e-18, solver="certified", backend="numpy")
+        gr.regularize(far, GRID, p=8, lam=1, solver="certified", backend="numpy", dtype=np.float32)
+    small = gr.regularize(noisy() * 1e-3, GRID, p=8, lam=1e-18, solver="certified", backend="numpy")
+    assert within(small, solve(noisy() * 1e-3, GRID, p=8, lam=1e-18))
 
 
 # What a caller sees
