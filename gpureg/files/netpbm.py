@@ -87,4 +87,5 @@ def write_netpbm(array: npt.NDArray[Any], white: int | None) -> bytes:
     top = deepest if white is None or (white > 255) != (deepest > 255) else white
     kind = 6 if array.ndim == 3 else 5
     header = f"P{kind}\n{array.shape[1]} {array.shape[0]}\n{top}\n".encode()
-    return header + np.minimum(array, top).astype(">u2" if deepest > 255 else np.uint8).tobytes()
+    values: bytes = np.minimum(array, top).astype(">u2" if deepest > 255 else np.uint8).tobytes()
+    return header + values

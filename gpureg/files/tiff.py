@@ -119,9 +119,9 @@ def picture_of(
         resolution=(resolution[0], resolution[1], unit) if len(resolution) == 2 else None,
         sizes=size,
     )
-    lost = lost_tags(page)
-    if lost:
-        notes.append(f"tags of the TIFF that are not copied: {', '.join(lost)}")
+    dropped = lost_tags(page)
+    if dropped:
+        notes.append(f"tags of the TIFF that are not copied: {', '.join(dropped)}")
     xmp = page.tags.valueof(700)
     return Picture(
         array,

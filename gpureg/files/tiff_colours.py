@@ -14,7 +14,8 @@ def from_palette(index: npt.NDArray[Any], colormap: npt.NDArray[Any]) -> npt.NDA
     high, low = colours >> 8, colours & 0xFF
     if not low.any() or (high == low).all():
         colours = high.astype(np.uint8)
-    return colours[index]
+    found: npt.NDArray[Any] = colours[index]
+    return found
 
 
 def from_cmyk(inks: npt.NDArray[Any]) -> npt.NDArray[Any]:

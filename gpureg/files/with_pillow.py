@@ -45,7 +45,7 @@ def read_with_pillow(path: Path, where: str) -> Picture:
             opened.seek(i)
             parts.append(_of(opened.copy(), opened, where, ()))
     first = parts[0]
-    notes = (f"an animation of {frames} frames is a series (T); how long each is shown is not kept",)
+    notes: tuple[str, ...] = (f"an animation of {frames} frames is a series (T); how long each is shown is not kept",)
     coloured = any(part.pixels.ndim == 3 for part in parts)
     pixels = np.stack([_coloured(part.pixels) if coloured else part.pixels for part in parts])
     alphas = [part.alpha for part in parts]
@@ -86,12 +86,12 @@ def _of(image: Any, opened: Any, where: str, notes: tuple[str, ...]) -> Picture:
     elif image.mode not in ("L", "LA", "RGB", "RGBA"):
         # Bilevel becomes grey, CMYK and YCbCr become RGB, which a CMYK profile does not fit.
         if image.mode != "1":
-            lost = " without its colour profile" if profile else ""
-            notes = (*notes, f"{image.mode} colours became RGB by the plain formula{lost}")
+            without = " without its colour profile" if profile else ""
+            notes = (*notes, f"{image.mode} colours became RGB by the plain formula{without}")
             profile = None
         image = image.convert("L" if image.mode == "1" else "RGB")
     pixels, alpha = split(np.asarray(image), where)
-    info, lost = image.info, []
+    info, lost = image.info, list[str]()
     xmp = info.get("xmp") or info.get("XML:com.adobe.xmp")
     metadata = Metadata(
         exif=image.getexif().tobytes() if len(image.getexif()) else None,

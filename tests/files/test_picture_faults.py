@@ -118,7 +118,9 @@ def test_only_the_signature(tmp_path):
 
 def test_tiff_kinds_that_are_refused(tmp_path):
     grey = picture("grey", "uint8").pixels
-    tifffile.imwrite(tmp_path / "inks.tif", np.dstack([grey] * 5), photometric="separated", extrasamples=["unspecified"])
+    tifffile.imwrite(
+        tmp_path / "inks.tif", np.dstack([grey] * 5), photometric="separated", extrasamples=["unspecified"]
+    )
     refuses(tmp_path / "inks.tif", "5 inks", "convert")
     tifffile.imwrite(tmp_path / "a.tif", grey.astype("complex64"))
     refuses(tmp_path / "a.tif", "complex64", "two channels")
