@@ -137,8 +137,8 @@ class Slabs:
                 continue
             _, _, y, x, _ = place
             values = values[0, : shape[1], : shape[2]].reshape(shape[1], shape[2], *self._plane[2:])
-            low, top = max(start, y), min(stop, y + shape[1])
-            found[low - start : top - start, x : x + shape[2]] = values[low - y : top - y]
+            low, top, right = max(start, y), min(stop, y + shape[1]), min(x + shape[2], self._plane[1])
+            found[low - start : top - start, x:right] = values[low - y : top - y, : right - x]
         return found
 
 

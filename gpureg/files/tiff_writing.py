@@ -98,7 +98,8 @@ def _settings(picture: Picture, kind: Kind, letters: str) -> dict[str, Any]:
         words = {**words, "axes": letters}
     settings: dict[str, Any] = {"imagej": kind == "imagej", "ome": kind == "ome"}
     if kind != "imagej":  # ImageJ stacks are not compressed
-        settings |= {"compression": "zlib", "predictor": picture.pixels.dtype.kind == "u"}
+        kind_of = picture.pixels.dtype
+        settings |= {"compression": "zlib", "predictor": kind_of.kind == "u" and kind_of.itemsize < 8}
     if tags.resolution is not None:
         settings |= {"resolution": tags.resolution[:2], "resolutionunit": tags.resolution[2]}
     elif held.dpi is not None:
