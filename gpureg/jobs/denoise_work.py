@@ -84,7 +84,7 @@ class FileMemory:
     @property
     def sample(self) -> int:
         """The number of values from which a plan may be made."""
-        return max(1 << 20, self.limit.bytes // _PLANNING)
+        return max(1 << 18, self.limit.bytes // _PLANNING)
 
 
 class Work:

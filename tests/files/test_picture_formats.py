@@ -39,7 +39,9 @@ def test_exact_formats(tmp_path, extension, layout, dtype):
     assert got.notes == ()
     if extension != ".j2k" and (extension, dtype) not in {(".ppm", "uint16"), (".jp2", "uint16"), (".pgm", "uint16")}:
         with Image.open(path) as opened:  # another reader
-            np.testing.assert_array_equal(np.asarray(opened.convert("RGB")), np.asarray(Image.open(path).convert("RGB")))
+            np.testing.assert_array_equal(
+                np.asarray(opened.convert("RGB")), np.asarray(Image.open(path).convert("RGB"))
+            )
 
 
 def test_other_readers_agree_on_pnm(tmp_path):

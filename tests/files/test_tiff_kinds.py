@@ -74,7 +74,7 @@ def test_tags_are_copied_or_named(tmp_path):
     )
     got = read_picture(tmp_path / "a.tif")
     assert got.nodata == -9999 and got.metadata.dpi == (300, 150)
-    assert len(got.notes) == 1 and "MakerNote" in got.notes[0] or "37500" in got.notes[0]
+    assert (len(got.notes) == 1 and "MakerNote" in got.notes[0]) or "37500" in got.notes[0]
     write_picture(tmp_path / "b.tif", got)
     with tifffile.TiffFile(tmp_path / "a.tif") as before, tifffile.TiffFile(tmp_path / "b.tif") as after:
         for code in (270, 282, 283, 296, 315, 33550, 42113):
