@@ -22,6 +22,8 @@ D = TypeVar("D")
 R = TypeVar("R")
 T = TypeVar("T")
 
+_PACKAGE = f"{Path(__file__).parent}{os.sep}"
+
 # Name of the public function that the user called, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
@@ -184,10 +186,10 @@ def calling_back() -> Iterator[None]:
 
 def warn(sentence: str, category: type[Warning] = UserWarning) -> None:
     """Warn in a sentence, at the line outside gpureg that called it."""
-    warnings.warn(sentence, category, stacklevel=_outside())
+    warnings.warn(sentence, category, stacklevel=outside())
 
 
-def _outside() -> int:
+def outside() -> int:
     """Return the `stacklevel` of the first caller outside gpureg, for a warning in the calling function."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):

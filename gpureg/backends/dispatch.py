@@ -10,22 +10,21 @@ import functools
 import importlib
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from . import advice
 from .protocol import Backend
 from .types import BackendUnavailable, Device
 
-# name: (module, what to install if it is missing)
-_BACKENDS = {
-    "warp": ("gpureg.backends.warp.primitives", "pip install 'gpureg[warp]'"),
-    "opencl": (
-        "gpureg.backends.opencl.primitives",
-        "pip install 'gpureg[opencl]', or 'gpureg[pocl]' to bring a CPU driver along",
-    ),
-    "numpy": ("gpureg.backends.numpy.primitives", ""),
+# name: (module, what to install if it is missing, and what if it has no device)
+_BACKENDS: dict[str, tuple[str, Callable[[], str], Callable[[], str]]] = {
+    "warp": ("gpureg.backends.warp.primitives", advice.install_warp, advice.install_warp),
+    "opencl": ("gpureg.backends.opencl.primitives", advice.install_opencl, advice.driver),
+    "numpy": ("gpureg.backends.numpy.primitives", str, str),
 }
 TIERS = ("CUDA through Warp", "a GPU through OpenCL", "a CPU through OpenCL", "Warp on the CPU", "numpy")
 
@@ -49,14 +48,14 @@ def _probe(name: str) -> _Probe:
 
 
 def _ask(name: str) -> _Probe:
-    module, install = _BACKENDS[name]
+    module, install, driver = _BACKENDS[name]
     try:
         found = tuple(importlib.import_module(module).devices())
     except ImportError as error:
-        return _Probe((), f"{error.name or error} is not installed: {install}")
+        return _Probe((), f"{error.name or error} is not installed: {install()}")
     except Exception as error:  # a broken driver must not stop the other backends
         return _Probe((), f"it does not start ({type(error).__name__}: {error})")
-    return _Probe(found, None if found else f"no device: {install}")
+    return _Probe(found, None if found else f"no device: {driver()}")
 
 
 def names() -> tuple[str, ...]:
@@ -103,6 +102,8 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
             if (device.float64 or not wide) and (best is None or device.rank < best.rank):
                 best = device
     assert best is not None  # numpy is always available
+    if best.backend == "numpy":
+        advice.fell_back()
     return best
 
 
@@ -150,7 +151,7 @@ def _find(name: str, dtype: npt.DTypeLike) -> Device:
 
 @functools.cache
 def _make(device: Device, dtype: np.dtype[np.floating]) -> Backend:
-    module, _ = _BACKENDS[device.backend]
+    module, _, _ = _BACKENDS[device.backend]
     backend: Backend = importlib.import_module(module).make(device, dtype)
     return backend
 

@@ -104,12 +104,19 @@ _OPTIONS_OF_WEIGHTS = {
 @options.dtype
 @click.option(
     "--memory",
-    help="Device memory to use at most, such as 4GiB.  [default: half of a CPU's, 90 percent of a GPU's]",
+    help="Memory to use at most, such as 4GiB, on the device and in the process: a TIFF that needs more is read and "
+    "written in parts.  [default: half of the machine's, 90 percent of a GPU's]",
 )
 @options.axes
 @options.each
 @options.spacing
 @options.mask
+@click.option(
+    "--nodata",
+    type=float,
+    metavar="VALUE",
+    help="Leave out pixels of this value; inf: of both infinities.  [default: what a TIFF of GDAL names]",
+)
 @click.option(
     "--guide", type=FILE, help="Picture that the weights compare instead of IN; or a folder with files named as IN."
 )
@@ -130,8 +137,9 @@ def denoise(
 ) -> None:
     """Denoise the picture IN and write it to OUT; or several, or a pattern such as 'raw/*.tif', to the folder OUT.
 
-    PNG, TIFF and JPEG, 8 or 16 bits, grey or RGB; alpha is copied. TIFF stacks are volumes or series, also of float
-    values; pixels that are NaN are left out. By default the noise is estimated, and the other parameters follow.
+    PNG, TIFF, JPEG, WebP, JPEG 2000, BMP, PNM and GIF, grey or RGB; alpha is copied. TIFF stacks are volumes or series,
+    of any integers or floats; pixels that are NaN are left out. By default the noise is estimated, and the other
+    parameters follow.
     """
     for name, owner in _OPTIONS_OF_WEIGHTS.items():
         is_given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE

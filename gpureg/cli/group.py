@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -39,12 +41,24 @@ class _Failure(click.ClickException):
 def sentences(work: Callable[[], Any]) -> Any:
     """Call `work`, and turn its exceptions into a sentence and an exit code."""
     try:
-        with without_names():
+        with without_names(), _warnings_as_lines():
             return work()
     except (ValueError, TypeError) as error:
         raise click.UsageError(sentence(error)) from None
     except FAILURES as error:
         raise _Failure(sentence(error)) from None
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Print warnings as sentences on standard error, without a line of code."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        click.echo(f"gpureg: {message}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 class _Group(click.Group):

@@ -48,13 +48,39 @@ class Tags:
 
 
 @dataclass(frozen=True, eq=False)
+class Metadata:
+    """What a picture file says beside its pixels, to be written again where the format of the output stores it.
+
+    Attributes
+    ----------
+    exif, xmp : bytes or None
+        The data of the camera and of the programs, without the orientation: pixels are turned upright.
+    dpi : (float, float) or None
+        Pixels per inch along X and Y.
+    chunks : tuple of (bytes, bytes)
+        Names and contents of the chunks of a PNG that are copied to another PNG.
+    tags : tuple
+        Tags of a TIFF that are copied to another TIFF: (code, type, count, value, True), as tifffile writes them.
+    white : int or None
+        The value of white in a PNM file, if it is neither 255 nor 65535.
+    """
+
+    exif: bytes | None = None
+    xmp: bytes | None = None
+    dpi: tuple[float, float] | None = None
+    chunks: tuple[tuple[bytes, bytes], ...] = ()
+    tags: tuple[tuple[Any, ...], ...] = ()
+    white: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Picture:
     """A picture, a volume or a series of a file.
 
     Attributes
     ----------
     pixels : array
-        uint8, uint16 or, from TIFF, float; (H, W) or (H, W, 3), or a stack with axes in any order.
+        uint8, uint16 or, from TIFF, any integers and floats; (H, W) or (H, W, 3), or a stack with axes in any order.
     alpha : array or None
         Opacity, in the dtype of the pixels, with their shape without the channels.
     icc_profile : bytes or None
@@ -62,6 +88,11 @@ class Picture:
     axes : str
         One letter for each axis of the pixels: T (time), Z, Y, X or C (channels); the default is YX or YXC.
     tags : Tags
+    metadata : Metadata
+    nodata : float or None
+        The value of pixels without data that a TIFF names (the tag of GDAL).
+    notes : tuple of str
+        What the reader converted or left out, as sentences.
     """
 
     pixels: npt.NDArray[Any]
@@ -69,6 +100,9 @@ class Picture:
     icc_profile: bytes | None = None
     axes: str = ""
     tags: Tags = field(default_factory=Tags)
+    metadata: Metadata = field(default_factory=Metadata)
+    nodata: float | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.axes:

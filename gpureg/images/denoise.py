@@ -9,12 +9,15 @@ import numpy.typing as npt
 
 from ..doors import door
 from .choose import plan_denoising
-from .options import CHOICE, DENOISE, RUN_PLAN, Choice, Denoise, RunPlan
+from .options import CHOICE, DENOISE, RUN_PLAN, Choice, Denoise
+from .parts import run_in_parts
 from .raster import Raster
-from .run import run_plan, without_averaging
+from .run import without_averaging
 
 # Options of the model that a search for lam does not support.
 _UNSEEN = ("gamma", "coupled", "update_weights")
+# Options of a run that the raster has.
+_OF_THE_IMAGE = ("mask", "channel_axis")
 
 
 @door(options=DENOISE)
@@ -123,7 +126,7 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     run = {name: asked[name] for name in RUN_PLAN}
     if asked["average_patches"] is None:
         plan = without_averaging(plan, run)
-    return run_plan(plan, raster, **cast("RunPlan", run)).value
+    return run_in_parts(plan, raster, **{name: x for name, x in run.items() if name not in _OF_THE_IMAGE}).value
 
 
 def _is_usual(name: str, value: Any) -> bool:

@@ -16,9 +16,9 @@ from ..solvers import Jacobi
 from ..weights import Weights
 from .borders import cropped, padded
 from .options import Filter, map_of
+from .parts import run_in_parts
 from .plan import AveragePatches, DenoisePlan
 from .raster import Raster
-from .run import run_plan
 
 
 def one_step(
@@ -92,6 +92,6 @@ def one_step(
     run: dict[str, Any] = {name: x for name, x in asked.items() if name in RUN}
     # No damping for lam = 0 on any graph: a single sweep cannot oscillate.
     wide = replace(raster, values=cells, inside=inside, channel_axis=last)
-    value = run_plan(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value
+    value = run_in_parts(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value
     image = cropped(value, widths)
     return image if raster.channel_axis is None else np.ascontiguousarray(np.moveaxis(image, -1, raster.channel_axis))

@@ -72,7 +72,7 @@ class Raster:
             return image
         array = unmasked(image, "image")
         if array.dtype.kind not in "iuf":
-            raise TypeError(f"image must hold integers or real numbers, got {array.dtype}")
+            raise TypeError(f"image must hold integers or real numbers, got {array.dtype}{_instead(array)}")
         if channel_axis is not None:
             channel_axis = integer("channel_axis", channel_axis, low=-array.ndim, high=array.ndim - 1)
         raster = cls(array, None, channel_axis)
@@ -190,6 +190,15 @@ class Raster:
                 outside = np.expand_dims(outside, self.channel_axis)
             image = np.where(outside, self.values, image)
         return image
+
+
+def _instead(array: npt.NDArray[Any]) -> str:
+    """Say how an image of truth values or of complex numbers is given."""
+    if array.dtype == np.bool_:
+        return ": give image.astype(numpy.float32), and compare the result with 0.5"
+    if array.dtype.kind == "c":
+        return ": give both parts as channels, numpy.stack([image.real, image.imag], axis=-1) with channel_axis=-1"
+    return ""
 
 
 def _looks_coloured(shape: tuple[int, ...]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -52,8 +53,9 @@ class Outcome:
         if guessed:
             lines.append(f"{axes_line(guessed[0].as_json())} ({len(guessed)} file(s))")
         nans, outside = sum(report.nan for report in self.done), sum(report.outside_mask for report in self.done)
-        if nans or outside:
-            lines.append(left_out(nans, outside))
+        nodata = sum(report.nodata for report in self.done)
+        if nans or outside or nodata:
+            lines.append(left_out(nans, outside, nodata))
         measured = [report.measured() for report in self.done if report.quality is not None]
         if measured:
             psnr, ssim = (
@@ -61,6 +63,8 @@ class Outcome:
                 for name in ("psnr", "ssim")
             )
             lines.append(f"{quality_line(psnr, ssim)} on average")
+        told = Counter(note for report in self.done for note in report.files.get("notes", ()))
+        lines += [f"note     {note} ({count} file(s))" for note, count in told.items()]
         seconds = sum(report.seconds for report in self.done)
         on = ", ".join(sorted({report.backend for report in self.done}))
         lines.append(

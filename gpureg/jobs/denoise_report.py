@@ -11,7 +11,7 @@ from .._version import __version__
 from ..images.plan import DenoisePlan
 from ..model.problem import Norm
 from ..model.result import Result
-from .report import WHITE, axes_line, done_line, left_out, number, quality_line, run_of
+from .report import WHITE, axes_line, done_line, left_out, note_lines, number, quality_line, run_of
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,10 @@ class DenoiseReport:
         Size of a pixel along each axis, by its letter.
     mask, guide, reference : Path, optional
         Other files that were read.
-    outside_mask, nan : int, default 0
-        Numbers of pixels that the mask excludes, and that are NaN.
+    outside_mask, nan, nodata : int, default 0
+        Numbers of pixels that the mask excludes, that are NaN, and that have the value for no data.
+    parts : int, default 0
+        Number of parts in which the file was read and denoised; 0 if it was in memory.
     quality : pair of (psnr, ssim), optional
         For the input and the output, if there is a reference.
     explained : str, optional
@@ -50,6 +52,8 @@ class DenoiseReport:
     mask: Path | None = None
     outside_mask: int = 0
     nan: int = 0
+    nodata: int = 0
+    parts: int = 0
     guide: Path | None = None
     reference: Path | None = None
     quality: tuple[tuple[float, float], tuple[float, float]] | None = None
@@ -94,6 +98,10 @@ class DenoiseReport:
             report |= {"mask": str(self.mask), "outside_mask": self.outside_mask}
         if self.nan:
             report["nan"] = self.nan
+        if self.nodata:
+            report["nodata"] = self.nodata
+        if self.parts:
+            report["parts"] = self.parts
         if self.guide is not None:
             report["guide"] = str(self.guide)
         if self.quality is not None:
@@ -119,11 +127,12 @@ class DenoiseReport:
         lines.append(f"filter   {filters[0]}{more}{first}")
         if self.lam_search is not None and result.iterations:
             lines.append(f"lam      {float(plan.lam):.4g}; {plan.reasons.get('lam', 'given')}{first}")  # type: ignore[arg-type]
-        if self.nan or self.outside_mask:
-            lines.append(left_out(self.nan, self.outside_mask))
+        if self.nan or self.outside_mask or self.nodata:
+            lines.append(left_out(self.nan, self.outside_mask, self.nodata))
         if self.quality is not None:
             lines.append(quality_line(**self.measured()))
         if result.gap is not None and not self.through:
             lines.append(f"minimum  the energy, {result.energy[-1]:.6g}, is at most {result.gap:.2g} above it")
+        lines += note_lines(self.files)
         lines.append(done_line(report))
         return lines

@@ -54,6 +54,7 @@ class Settings:
     each: tuple[str, ...] = ()
     spacing: tuple[float, ...] | Literal["file"] | None = None
     mask: Path | None = None
+    nodata: float | None = None
     guide: Path | None = None
     reference: Path | None = None
     explain: bool = False

@@ -13,6 +13,7 @@ import numpy as np
 
 from .._version import __version__
 from ..arrays import FloatArray
+from ..files.formats import written_otherwise
 from ..files.pictures import Picture
 from ..images.plan import DenoisePlan
 from ..model.result import Result
@@ -58,7 +59,13 @@ def about(source: Path, target: Path, picture: Picture) -> dict[str, Any]:
     }
     if picture.is_stack:
         files |= {"axes": picture.axes, "axes_named": picture.tags.named, "shape": list(picture.pixels.shape)}
-    return files
+    notes = [*picture.notes, *written_otherwise(target, picture)]
+    return files | ({"notes": notes} if notes else {})
+
+
+def note_lines(report: Mapping[str, Any]) -> list[str]:
+    """Return the lines on what was converted or left out between the files."""
+    return [f"note     {note}" for note in report.get("notes", ())]
 
 
 def axes_line(report: dict[str, Any]) -> str:
@@ -67,9 +74,9 @@ def axes_line(report: dict[str, Any]) -> str:
     return f"axes     {report['axes']}: a volume, since the file names no axis; --axes {series} makes it a series"
 
 
-def left_out(nans: int, outside: int) -> str:
+def left_out(nans: int, outside: int, nodata: int = 0) -> str:
     """Say how many pixels were left out."""
-    counts = ((nans, "NaN"), (outside, "outside the mask"))
+    counts = ((nans, "NaN"), (nodata, "without data"), (outside, "outside the mask"))
     return "left out " + ", ".join(f"{count} pixel(s) {why}" for count, why in counts if count)
 
 

@@ -15,7 +15,7 @@ from .._version import __version__
 from ..model.result import Result
 from ..regions.regions import Regions
 from ..regions.simplify import ENOUGH
-from .report import axes_line, done_line, left_out, number
+from .report import axes_line, done_line, left_out, note_lines, number
 from .simplify_settings import Simplification
 
 _SOURCES = {"extrema": "regional extrema of the intensity", "gradient": "regional minima of the gradient"}
@@ -237,6 +237,7 @@ class SimplifyReport:
         also = [f"{name.replace('_', ' ')} {path}" for name, path in self.outputs.items()]
         if also:
             lines.append(f"also     {', '.join(also)}")
+        lines += note_lines(self.files)
         lines.append(done_line(report))
         return lines
 

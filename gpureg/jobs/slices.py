@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from ..files.picture import AXES
 from ..files.pictures import Picture, PictureError, read_picture
+from .inputs import Inside, Source
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Layout:
         """The letters of `through` with more than one slice."""
         return "".join(letter for letter, count in zip(self.through, self.counts, strict=True) if count > 1)
 
+    @property
+    def slices(self) -> int:
+        """The number of slices."""
+        return math.prod(self.counts)
+
     def turned(self, array: npt.NDArray[Any], letters: str) -> npt.NDArray[Any]:
         """Return `array`, whose axes have these letters, as slices (s, ...); a view if possible."""
         order = [letters.index(letter) for letter in self.through + self.grid + "C" if letter in letters]
@@ -52,6 +59,24 @@ class Layout:
         letters = [letter for letter in self.through + self.grid + "C" if letter in axes]
         whole = slices[0] if len(slices) == 1 else np.stack(slices)
         return whole.reshape(*self.counts, *slices[0].shape).transpose([letters.index(letter) for letter in axes])
+
+    def box(self, i: int, part: Sequence[slice] = ()) -> dict[str, slice]:
+        """Return slices along the axes, by their letters, of a part of the grid in slice number i."""
+        places = np.unravel_index(i, self.counts) if self.counts else ()
+        at = {letter: slice(int(n), int(n) + 1) for letter, n in zip(self.through, places, strict=True)}
+        return at | dict(zip(self.grid, part, strict=False))
+
+    def part(self, array: npt.NDArray[Any], letters: str) -> npt.NDArray[Any]:
+        """Return the values in a box of one slice with the axes of the grid, and the channels last, a view."""
+        part: npt.NDArray[Any] = self.turned(array, letters)[0]
+        return part
+
+    def part_back(self, part: npt.NDArray[Any], axes: str) -> npt.NDArray[Any]:
+        """Return a part of one slice, (grid..., channels), as an array whose axes have these letters, a view."""
+        letters = [letter for letter in self.through + self.grid + "C" if letter in axes]
+        part = part if "C" in axes else part[..., 0]
+        whole = part.reshape(*[1] * len(self.through), *part.shape)
+        return whole.transpose([letters.index(letter) for letter in axes])
 
 
 def layout_of(
@@ -104,32 +129,33 @@ def beside(path: Path, source: Path) -> Path:
 
 
 def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
-    """Return the pixels that are not left out, None for all; how many are NaN, how many the mask excludes.
+    """Return the pixels that are not left out, None for all; how many hold no number, how many the mask excludes.
 
     Raises
     ------
     PictureError
-        The mask has another shape, or all pixels are left out.
+        The mask has another shape, all pixels are left out, or values are infinite.
     """
-    inside: npt.NDArray[np.bool_] | None = None
-    nans = masked = 0
-    if mask is not None:
-        path = beside(mask, source)
-        drawn = read_picture(path)
-        inside = np.asarray(drawn.pixels != 0)
-        if drawn.channel_axis is not None:
-            inside = np.asarray(inside.any(axis=drawn.channel_axis))
-        if inside.shape != picture.cells:
-            raise PictureError(f"the mask {path} has the shape {inside.shape}, {source} has {picture.cells}")
-        masked = inside.size - int(np.count_nonzero(inside))
-    if picture.pixels.dtype.kind == "f":
-        number = ~np.isnan(picture.pixels)
-        if picture.channel_axis is not None:
-            number = number.all(axis=picture.channel_axis)
-        if not number.all():
-            both = number if inside is None else number & inside
-            nans = (number.size if inside is None else int(np.count_nonzero(inside))) - int(np.count_nonzero(both))
-            inside = both
-    if inside is not None and not inside.any():
+    drawn = None if mask is None else mask_of(Source.of(read_picture(beside(mask, source))), picture, source, mask)
+    inside = Inside(Source.of(picture), source, drawn, picture.nodata)
+    if not inside.needed:
+        return None, 0, 0
+    found = inside.count({})
+    if not inside.taken:
         raise PictureError(f"{source}: no pixel is left, all are NaN or outside the mask")
-    return inside, nans, masked
+    return (None if found.all() and mask is None else found), inside.nans + inside.nodata, inside.masked
+
+
+def mask_of(drawn: Source, picture: Picture, source: Path, mask: Path) -> Source:
+    """Return a mask with the letters of the picture's axes.
+
+    Raises
+    ------
+    PictureError
+        It has another shape.
+    """
+    if drawn.header.cells != picture.cells:
+        raise PictureError(
+            f"the mask {beside(mask, source)} has the shape {drawn.header.cells}, {source} has {picture.cells}"
+        )
+    return drawn.named(picture.axes.replace("C", ""))

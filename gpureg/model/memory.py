@@ -1,4 +1,4 @@
-"""Memory of the device: the bytes that a job needs, computed before it starts, and the bytes that it may use."""
+"""Memory: the bytes that a job needs on its device, computed before it starts, and the bytes that it may use."""
 
 from __future__ import annotations
 
@@ -198,17 +198,50 @@ def budget(backend: Backend, memory: int | None) -> Budget:
     """
     device = backend.device
     limits = [int(device.memory * _SHARES[device.kind])] if device.memory else []
-    asked = []
-    if memory is not None:
-        asked.append(integer("memory", memory, low=1))
+    asked = _asked(memory)
+    smallest = min([*limits, *asked], default=2**62)
+    return Budget(smallest, min(smallest, backend.largest_buffer or smallest), bool(asked) and smallest in asked)
+
+
+def _asked(memory: int | None) -> list[int]:
+    """Return the limits of the caller and of GPUREG_MEMORY."""
+    asked = [] if memory is None else [integer("memory", memory, low=1)]
     named = os.environ.get("GPUREG_MEMORY", "").strip()
     if named:
         try:
             asked.append(as_bytes(named))
         except ValueError as error:
             raise ValueError(f"GPUREG_MEMORY: {error}") from None
-    smallest = min([*limits, *asked], default=2**62)
-    return Budget(smallest, min(smallest, backend.largest_buffer or smallest), bool(asked) and smallest in asked)
+    return asked
+
+
+@dataclass(frozen=True)
+class ProcessLimit:
+    """Bytes that the arrays of a job may use in the process.
+
+    Attributes
+    ----------
+    bytes : int
+    asked : bool
+        Whether the limit comes from the caller or the environment, and not from the machine.
+    """
+
+    bytes: int
+    asked: bool
+
+
+def process_limit(memory: int | None) -> ProcessLimit:
+    """Return what a job may use in the process: `memory` or GPUREG_MEMORY, otherwise half of the machine's memory.
+
+    Raises
+    ------
+    TypeError, ValueError
+        `memory` or GPUREG_MEMORY is not a number of bytes.
+    """
+    asked = _asked(memory)
+    if asked:
+        return ProcessLimit(min(asked), True)
+    return ProcessLimit(int((backends.get("numpy").device.memory or 2**40) * _SHARES["cpu"]), False)
 
 
 def as_bytes(text: str) -> int:

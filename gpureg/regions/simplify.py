@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, Unpack
@@ -10,9 +11,10 @@ from typing import Any, Literal, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import unmasked
 from ..backends.zones import Labels
 from ..checks import choice, integer, number
-from ..doors import door
+from ..doors import door, outside
 from ..graphs.edges import Metric, checked_spacing
 from ..graphs.grid import GridGraph
 from ..images.guides import filled
@@ -68,7 +70,9 @@ def simplify_image(
     sources : {"extrema", "gradient"}, int or array, default "extrema"
         Where the regions start: regional extrema of the intensity (the mean of the channels), or regional minima of the
         gradient norm. An integer means a grid of seeds with this distance in pixels. An array in the shape of the
-        pixels has the labels 0..k-1 at the sources, -1 elsewhere.
+        pixels has a label >= 0 at the sources, -1 elsewhere, such as a labelling of all pixels by another program. Its
+        labels need not begin at 0 nor follow each other: regions are numbered in their order. Labels outside the mask
+        are left out.
     smooth : float, optional
         Standard deviation, in pixels, of a Gaussian smoothing before sources and partition are computed; the models are
         computed from the image itself. None means 0 for given sources. For "extrema" and "gradient" it means the first
@@ -106,7 +110,8 @@ def simplify_image(
     Warns
     -----
     UserWarning
-        As :func:`gpureg.denoise_image`.
+        As :func:`gpureg.denoise_image`. Or given sources have no -1, and 0 at more than half of the pixels: it may be
+        the background of markers, and is taken for a source.
 
     Notes
     -----
@@ -151,8 +156,6 @@ def simplify_image(
     with _timed(seconds, "graph"):
         adjacency: dict[str, Any] = {"metric": metric, "spacing": spacing, "rings": rings}
         graph = region_graph(labels, **adjacency)
-    if graph.n_vertices != int(labels.max()) + 1:
-        raise ValueError(f"markers must be numbered 0..k-1, {int(labels.max()) + 1 - graph.n_vertices} are missing")
     with _timed(seconds, "models"):
         own = seeds if model == "source" else None
         models = models_of(raster, labels, model, own, graph.n_vertices)
@@ -202,8 +205,29 @@ def _seen(
         return seen, seeds, sigma
     sigma = 0.0 if smooth is None else smooth
     step = isinstance(given, int | np.integer) and not isinstance(given, bool)
-    seeds = found_sources.seeds(grid, int(given)) if step else np.asarray(given)  # type: ignore[arg-type]
+    seeds = found_sources.seeds(grid, int(given)) if step else _numbered(given, grid)  # type: ignore[arg-type]
     return _smoothed(cells, grid, sigma), seeds, sigma
+
+
+def _numbered(given: npt.ArrayLike, grid: GridGraph) -> npt.NDArray[Any]:
+    """Return given labels numbered from 0, in their order, -1 elsewhere; anything else as it is, to be refused."""
+    labels = unmasked(given, "sources")
+    if labels.dtype.kind not in "iu" or labels.shape != grid.shape or (labels < -1).any():
+        return labels
+    marked = labels >= 0
+    if grid.mask is not None:
+        marked = marked & grid.mask
+    numbers, which = np.unique(labels[marked], return_inverse=True)
+    background = marked.all() and len(numbers) > 2 and numbers[0] == 0
+    if background and np.count_nonzero(labels == 0) > labels.size / 2:
+        warnings.warn(
+            "sources are 0 at more than half of the pixels, never -1: 0 is a label like any other, -1 means no source",
+            UserWarning,
+            stacklevel=outside(),
+        )
+    numbered = np.full(labels.shape, -1, np.int32)
+    numbered[marked] = which
+    return numbered
 
 
 def _smoothed(cells: npt.NDArray[Any], grid: GridGraph, sigma: float) -> npt.NDArray[Any]:

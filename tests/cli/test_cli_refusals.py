@@ -110,7 +110,7 @@ def test_input_is_a_folder(tmp_path, target):
     refused(tmp_path, 1, tmp_path / "sub", target, words=("sub is a folder",))
 
 
-@pytest.mark.parametrize(("data", "word"), [(b"", "empty"), (b"a letter, not a picture", "is not a PNG, TIFF or JPEG")])
+@pytest.mark.parametrize(("data", "word"), [(b"", "empty"), (b"a letter, not a picture", "is not a PNG, TIFF, JPEG")])
 def test_input_is_no_picture(tmp_path, target, data, word):
     (tmp_path / "in.png").write_bytes(data)
     refused(tmp_path, 1, tmp_path / "in.png", target, words=("in.png", word))
@@ -166,7 +166,7 @@ def test_input_may_not_be_read():
         assert os.listdir(folder) == ["noisy.png"]
 
 
-@pytest.mark.parametrize("name", ["o.bmp", "o", "o.png.txt"])
+@pytest.mark.parametrize("name", ["o.xyz", "o", "o.png.txt"])
 def test_unknown_extension(noisy, name):
     refused(noisy.parent, 1, noisy, noisy.parent / name, words=(name, "extension", ".png", ".tif", ".jpg"))
 

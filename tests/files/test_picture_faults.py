@@ -53,13 +53,13 @@ def test_permissions():
 
 def test_empty_file(tmp_path):
     (tmp_path / "a.png").write_bytes(b"")
-    refuses(tmp_path / "a.png", "not a PNG, TIFF or JPEG", "empty")
+    refuses(tmp_path / "a.png", "not a PNG, TIFF, JPEG", "or GIF picture", "empty")
 
 
-@pytest.mark.parametrize("data", [b"hello\n", b"GIF89a\x01\0\x01\0\0\0\0;", b"\x89PNG", b"\0" * 500])
+@pytest.mark.parametrize("data", [b"hello\n", b"P9 3 3 255 ", b"\x89PNG", b"RIFF1234WAVE", b"\0" * 500])
 def test_not_a_picture(tmp_path, data):
     (tmp_path / "a.png").write_bytes(data)
-    refuses(tmp_path / "a.png", "is not a PNG, TIFF or JPEG picture")
+    refuses(tmp_path / "a.png", "is not a PNG, TIFF, JPEG", "GIF picture")
 
 
 TRUNCATED = {
@@ -118,14 +118,14 @@ def test_only_the_signature(tmp_path):
 
 def test_tiff_kinds_that_are_refused(tmp_path):
     grey = picture("grey", "uint8").pixels
-    palette = np.random.default_rng(0).integers(0, 65536, (3, 256), np.uint16)
-    tifffile.imwrite(tmp_path / "palette.tif", grey, photometric="palette", colormap=palette)
-    refuses(tmp_path / "palette.tif", "palette", "convert")
-    tifffile.imwrite(tmp_path / "cmyk.tif", np.dstack([grey] * 4), photometric="separated")
-    refuses(tmp_path / "cmyk.tif", "separated", "convert")
-    for dtype in ("int16", "uint32", "float16", "complex64"):
-        tifffile.imwrite(tmp_path / "a.tif", grey.astype(dtype))
-        refuses(tmp_path / "a.tif", dtype)
+    tifffile.imwrite(
+        tmp_path / "inks.tif", np.dstack([grey] * 5), photometric="separated", extrasamples=["unspecified"]
+    )
+    refuses(tmp_path / "inks.tif", "5 inks", "convert")
+    tifffile.imwrite(tmp_path / "a.tif", grey.astype("complex64"))
+    refuses(tmp_path / "a.tif", "complex64", "two channels")
+    tifffile.imwrite(tmp_path / "a.tif", np.full((8, 8), 2**53 + 2))
+    refuses(tmp_path / "a.tif", "int64", "2^53")
     samples = {"photometric": "minisblack", "planarconfig": "contig", "extrasamples": ["unassalpha"] + [0] * 5}
     tifffile.imwrite(tmp_path / "many.tif", np.dstack([grey] * 7), **samples)
     refuses(tmp_path / "many.tif", "shape")
@@ -144,7 +144,7 @@ def cannot_write(path, what: Picture | None, *words: str) -> None:
     assert (sorted(os.listdir(path.parent)) if path.parent.is_dir() else None) == before
 
 
-@pytest.mark.parametrize("name", ["a.bmp", "a", "a.png.gz", ".png"])
+@pytest.mark.parametrize("name", ["a.xyz", "a", "a.png.gz", ".png"])
 def test_unknown_extension(tmp_path, name):
     cannot_write(tmp_path / name, Picture(smooth()), "extension", ".png", ".tif", ".jpg")
 

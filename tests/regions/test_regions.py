@@ -361,15 +361,29 @@ def test_wrong_calls(settings, sentence):
         gr.simplify_image(picture(), **settings)
 
 
+def test_labels_of_another_program_are_numbered_in_their_order():
+    """They may begin at 1, have gaps and lie outside the mask, as those of superpixels do."""
+    rows, columns = np.indices((24, 31))
+    blocks = rows // 6 * 4 + columns // 8
+    want = gr.simplify_image(picture(), sources=blocks, backend="numpy")
+    for labels in (blocks + 1, (blocks * 7 + 3).astype(np.uint8), blocks.astype(np.int64) * 10**12):
+        found = gr.simplify_image(picture(), sources=labels, backend="numpy")
+        np.testing.assert_array_equal(found.labels, blocks)
+        np.testing.assert_array_equal(found.value, want.value)
+    mask = columns < 16
+    inside = gr.simplify_image(picture(), sources=blocks + 1, mask=mask, backend="numpy")
+    np.testing.assert_array_equal(inside.labels, np.where(mask, rows // 6 * 2 + columns // 8, -1))
+    markers = np.zeros((24, 31), int)
+    markers[3, 3], markers[20, 20] = 1, 2
+    with pytest.warns(UserWarning, match="0 is a label like any other, -1 means no source"):
+        gr.simplify_image(picture(), sources=markers, backend="numpy")
+
+
 def test_wrong_images_and_markers():
     with pytest.raises(ValueError, match="image must be finite"):
         gr.simplify_image(np.array([[0.0, np.nan], [1.0, 2.0]]))
     with pytest.raises(ValueError, match="two or more axes"):
         gr.simplify_image(np.zeros(4))
-    gaps = np.full((24, 31), -1)
-    gaps[2, 2], gaps[9, 9] = 0, 4
-    with pytest.raises(ValueError, match=r"markers must be numbered 0\.\.k-1, 3 are missing"):
-        gr.simplify_image(picture(), sources=gaps)
     mask = np.ones((24, 31), bool)
     mask[:, 15] = False
     with pytest.raises(ValueError, match="reach only a part of the mask"):

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import AnyGraph, GridGraph
+from ..advice import warn_if_slow
 from ..protocol import Backend
 from ..types import Array, Conductance, Smoothness, Weighted, host_weights
 
@@ -105,6 +106,7 @@ class NumpyGraph(Backend):
         return int(x.shape[-1])
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
+        warn_if_slow(graph.n_vertices)
         return np.array(f, self.dtype)
 
     def get(self, graph: AnyGraph, x: Array) -> FloatArray:

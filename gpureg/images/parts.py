@@ -1,0 +1,206 @@
+"""Denoise an image part by part, with halos that give the same bits as the whole, in less memory of the process."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import backends
+from ..backends import Backend
+from ..graphs.grid import GridGraph
+from ..model.memory import Job, process_limit, readable
+from ..model.result import Result
+from ..progress import progress_bar
+from ..regularization.one_sweep import OneStep
+from ..regularization.tiling import Tile, cut
+from ..solvers import Solver
+from ..weights import Weights, patch_weights
+from .plan import DenoisePlan
+from .raster import Raster
+from .run import expect_one_sweep, run_plan
+
+# Bytes of a value in the arrays of a run beside those of the device: as a float before and after, and copies of both.
+_HOST = 6
+# Into how many parts an axis may be cut.
+_CUTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96, 128, 256, 512, 1024)
+# Memory of a run for which more is not faster, and for which less saves nothing beside the libraries.
+_ENOUGH, LEAST = 1 << 29, 1 << 26
+
+
+def tiles_of(
+    plan: DenoisePlan,
+    shape: tuple[int, ...],
+    channels: int,
+    *,
+    solver: str | Solver,
+    backend: str,
+    dtype: np.dtype[Any],
+    masked: bool,
+    memory: int,
+) -> tuple[Tile, ...] | None:
+    """Cut an image of this shape, without its channels, into parts that need at most `memory` bytes each.
+
+    Returns
+    -------
+    tuple of Tile or None
+        None if the plan has to see the whole image: it is more than one sweep, or its weights have no parts.
+
+    Raises
+    ------
+    MemoryError
+        Even a small part with its halo needs more.
+    """
+    whole = tuple(slice(0, n) for n in shape)
+    if plan.max_iter == 0:
+        rows = max(1, memory // max(1, channels * math.prod(shape[1:]) * dtype.itemsize * _HOST))
+        return cut(shape, (min(rows, shape[0]), *shape[1:]), (0,) * len(shape), (1,) * len(shape))
+    found = patch_weights(plan.weights)
+    grid = GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
+    if found is None or plan.k is not None or not isinstance(plan.weights, Weights):
+        return None
+    if plan.weights.part(grid, whole) is None:
+        return None
+    try:
+        expect_one_sweep(plan, solver, "a part")
+    except ValueError:
+        return None
+    device = backends.get(backend, dtype)
+    averaged = (found[0].reach if plan.average_radius is None else plan.average_radius) if plan.average_patches else 0
+    # a pixel that a mask leaves out takes the value of the nearest inside, at most a patch away
+    beyond = averaged + plan.weights.reach * (3 if masked else 1)
+    halo = tuple((np.abs(grid.offsets).max(axis=0, initial=0) + beyond).tolist())
+    blocks = tuple((*[1] * len(shape), device.row_block, device.column_block)[-len(shape) :])
+
+    def wide(sizes: tuple[int, ...]) -> tuple[int, ...]:
+        whole = zip(shape, sizes, halo, blocks, strict=True)
+        return tuple(n if s >= n else min(n, s + 2 * h + b - 1) for n, s, h, b in whole)
+
+    def needs(sizes: tuple[int, ...]) -> int:
+        return _bytes(plan, GridGraph(wide(sizes), plan.radius, plan.metric, spacing=plan.spacing), channels, device)
+
+    candidates = [sorted({-(-n // k) for k in _CUTS if k <= n}) for n in shape]
+    per_pixel = needs(shape) / math.prod(shape)
+    while True:
+        fitting = [sizes for sizes in itertools.product(*candidates) if math.prod(wide(sizes)) * per_pixel <= memory]
+        if not fitting:
+            least = tuple(each[0] for each in candidates)
+            raise MemoryError(
+                f"a part of {' x '.join(map(str, least))} pixels with its halo needs {readable(needs(least))}, "
+                f"and {readable(memory)} are allowed: give more memory, or use a smaller window"
+            )
+        # the cheapest: the fewest pixels are computed twice
+        sizes = min(fitting, key=lambda sizes: math.prod(w / s for w, s in zip(wide(sizes), sizes, strict=True)))
+        if needs(sizes) <= memory:
+            return cut(shape, sizes, halo, blocks)
+        per_pixel *= 1.05 * needs(sizes) / (math.prod(wide(sizes)) * per_pixel)
+
+
+def _bytes(plan: DenoisePlan, grid: GridGraph, channels: int, device: Backend) -> int:
+    """Return the bytes of one sweep on a grid: on the device, and in the process."""
+    by_weight = plan.average_patches == "weighted"
+    step = OneStep(plan.centre == "largest", 0 if plan.average_patches else None, by_weight)
+    stored = bool(plan.average_patches) and not step.fuses(device, grid)
+    maps = bool(plan.average_patches) or np.ndim(plan.lam) > 0
+    job = Job(channels + stored, weights=plan.weights, per_vertex=maps, stored=stored)  # type: ignore[arg-type]
+    return job.need(grid, device).total + grid.n_vertices * channels * device.dtype.itemsize * _HOST
+
+
+def working_set(limit: int) -> int:
+    """Return the bytes that the run on a part may need where this many are allowed."""
+    return min(LEAST + limit, _ENOUGH)
+
+
+def part_of(plan: DenoisePlan, shape: tuple[int, ...], tile: Tile) -> DenoisePlan:
+    """Return the plan for a part: maps are cut as the image is."""
+    lam, weights = plan.lam, plan.weights
+    if np.ndim(lam):
+        lam = np.asarray(lam).reshape(shape)[tile.wide]
+    if isinstance(weights, Weights) and plan.max_iter > 0:
+        grid = GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
+        weights = weights.part(grid, tile.wide) or weights
+    return replace(plan, lam=lam, weights=weights)
+
+
+def run_in_parts(
+    plan: DenoisePlan,
+    raster: Raster,
+    *,
+    out: npt.NDArray[Any] | None = None,
+    guide: npt.ArrayLike | None = None,
+    progress: bool = False,
+    **run: Any,
+) -> Result:
+    """Run a plan as :func:`run_plan`, with the same bits, part by part if that saves memory.
+
+    Parameters
+    ----------
+    plan : DenoisePlan
+    raster : Raster
+    out : array, optional
+        Where the result is written, in the shape and type of the image. None means a new array.
+    guide, progress, run
+        As the options of :func:`run_plan`.
+    """
+    limit = process_limit(run.get("memory"))
+    kind = raster.computed_type(run.get("dtype"))
+    tiles = None
+    if run.get("callback") is None and run.get("update_weights") is None:
+        tiles = tiles_of(
+            plan,
+            raster.shape,
+            raster.channels,
+            solver=run.get("solver", "jacobi"),
+            backend=run.get("backend", "auto"),
+            dtype=kind,
+            masked=not raster.whole,
+            memory=working_set(limit.bytes),
+        )
+    if tiles is None or len(tiles) == 1:
+        result = run_plan(plan, raster, guide=guide, channel_axis=raster.channel_axis, progress=progress, **run)
+        if out is None:
+            return result
+        out[...] = result.value
+        return replace(result, value=out)
+    value = np.empty(raster.values.shape, raster.values.dtype) if out is None else out
+    target = value[..., None] if raster.channel_axis is None else np.moveaxis(value, raster.channel_axis, -1)
+    compared = None if guide is None else _channels_last(np.asarray(guide), raster)
+    results = list[Result]()
+    with progress_bar(progress, len(tiles), "parts") as done:
+        for i, tile in enumerate(tiles):
+            done(i)
+            part = Raster(raster.cells[tile.wide], None if raster.inside is None else raster.inside[tile.wide], -1)
+            beside = None if compared is None else compared[tile.wide]
+            target[tile.own], result = run_part(part_of(plan, raster.shape, tile), part, tile, beside, **run)
+            results.append(result)
+        done(len(tiles))
+    return replace(joined(results), value=value)
+
+
+def run_part(
+    plan: DenoisePlan, part: Raster, tile: Tile, guide: npt.NDArray[Any] | None, **run: Any
+) -> tuple[npt.NDArray[Any], Result]:
+    """Run the plan of a part on it; return the values of its interior with the channels, and the result without."""
+    if part.inside is not None and not part.inside.any():
+        nothing = replace(plan, max_iter=0)
+        result = run_plan(nothing, part, channel_axis=-1, **run)
+    else:
+        result = run_plan(plan, part, guide=guide, channel_axis=-1, **run)
+    return result.value[tile.inner], replace(result, value=np.empty(0))
+
+
+def joined(results: list[Result]) -> Result:
+    """Return the result of all parts, without its value."""
+    first = max(results, key=lambda result: result.iterations)
+    return replace(first, seconds=sum(result.seconds for result in results))
+
+
+def _channels_last(guide: npt.NDArray[Any], raster: Raster) -> npt.NDArray[Any]:
+    """Return a guide with its channels last, if it has any."""
+    if raster.channel_axis is None or guide.ndim == raster.ndim:
+        return guide
+    return np.moveaxis(guide, raster.channel_axis, -1)

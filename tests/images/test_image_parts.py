@@ -1,0 +1,58 @@
+"""An image that is denoised in parts has the bits of the whole, whatever the parts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gpureg as gr
+from gpureg.images import parts
+from gpureg.images.raster import Raster
+
+CASES = {
+    "grey": ((61, 70), None, {"radius": 3}),
+    "colour": ((40, 50, 3), -1, {"radius": 2}),
+    "channels first": ((2, 40, 50), 0, {"radius": 3}),
+    "volume": ((14, 20, 18), None, {}),
+    "bilateral": ((61, 70), None, {"weights": "bilateral", "radius": 4, "sigma_value": 40.0}),
+    "plain averages": ((40, 50), None, {"weights": "patch", "radius": 3, "average_patches": True}),
+    "map": ((40, 50), None, {"sigma": "a map", "radius": 4}),
+    "guide": ((40, 50), None, {"guide": "another", "weights": "patch", "radius": 4}),
+}
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("name", CASES)
+def test_parts_have_the_bits_of_the_whole(monkeypatch, name, masked):
+    shape, axis, choice = CASES[name]
+    rng = np.random.default_rng(3)
+    image = (rng.normal(100, 20, shape) + np.indices(shape).sum(axis=0)).astype(np.float32)
+    cells = shape if axis is None else tuple(n for i, n in enumerate(shape) if i != axis % len(shape))
+    choice = {"sigma": 20.0} | choice
+    if isinstance(choice["sigma"], str):
+        choice["sigma"] = rng.uniform(15, 25, cells)
+    guide = rng.normal(100, 5, shape) if choice.pop("guide", None) else None
+    mask = None
+    if masked:
+        mask = rng.random(cells) < 0.8
+        mask[tuple(slice(n // 4, 2 * n // 3) for n in cells)] = False
+    plan = gr.plan_denoising(image, channel_axis=axis, mask=mask, guide=guide, **choice)
+    whole = gr.run_plan(plan, image, channel_axis=axis, mask=mask, guide=guide, backend="numpy").value
+    raster = Raster.of(image, axis, mask)
+    kinds = {"solver": "jacobi", "backend": "numpy", "dtype": np.dtype(np.float32), "masked": masked}
+    assert len(parts.tiles_of(plan, raster.shape, raster.channels, **kinds, memory=2**40)) == 1
+    monkeypatch.setattr(parts, "_CUTS", (2,))  # every axis in two, however much fits
+    tiles = parts.tiles_of(plan, raster.shape, raster.channels, **kinds, memory=2**40)
+    assert len(tiles) == 2 ** len(cells)
+    found = parts.run_in_parts(plan, raster, guide=guide, backend="numpy")
+    np.testing.assert_array_equal(found.value, whole)
+    assert found.value.dtype == image.dtype and found.iterations == 1
+
+
+def test_what_sees_the_whole_is_not_cut():
+    plan = gr.plan_denoising(np.zeros((30, 30)), p=1, sigma=1.0)
+    kinds = {"solver": "jacobi", "backend": "numpy", "dtype": np.dtype(np.float32), "masked": False, "memory": 10}
+    assert parts.tiles_of(plan, (30, 30), 1, **kinds) is None
+    filters = gr.plan_denoising(np.zeros((30, 30)), sigma=1.0)
+    with pytest.raises(MemoryError, match=r"give more memory, or use a smaller window"):
+        parts.tiles_of(filters, (30, 30), 1, **kinds)
