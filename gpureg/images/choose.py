@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..doors import door, warn
 from ..graphs.grid import GridGraph
+from ..noise.flat import large_side
 from ..noise.report import NoiseReport
 from ..tuning.fidelity import LamMethod, choose_lam
 from ..weights import Bilateral, patch_weights
@@ -24,7 +25,8 @@ from .options import CHOICE, Choice, check_choice
 from .plan import DenoisePlan
 from .prepare import prepared
 from .raster import Raster
-from .run import expect_one_sweep, may_squeeze, solve
+from .run import expect_one_sweep, solve
+from .split import may_squeeze
 from .window import window_of
 
 # Noise of an image of integers above this is more than rounding.
@@ -109,6 +111,11 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
                 first, sigma=noise.sigma, sigmas=noise.sigmas or (), groups=plans, same=same, report=noise.report
             )
     return _plan(raster, asked, noise)
+
+
+def _flat_side(raster: Raster) -> int:
+    """Return the side of large areas of equal values."""
+    return max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))
 
 
 def _squeezed(asked: Choice, raster: Raster) -> Choice:
@@ -201,9 +208,9 @@ def _plan(raster: Raster, asked: Choice, noise: Noise) -> DenoisePlan:
         k=None if idle else asked["k"],
         sigmas=noise.sigmas or (),
         photon=(noise.photon or ()) if follows else (),
-        impulses=noise.impulses if follows and any(noise.impulses) else (),
+        impulses=noise.impulses if follows and any(rule is not None for rule in noise.impulses) else (),
         units=units or (),
-        leaves_flat=course.chooses and course.filters and not idle and flat > _FLAT,
+        flat_side=_flat_side(raster) if course.chooses and course.filters and not idle and flat > _FLAT else 0,
         report=noise.report,
         reasons=why,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..checks import number
 from ..noise.channels import Groups, groups, relate
+from ..noise.impulses import ImpulseRule
 from ..noise.photon import PhotonNoise
 from ..noise.report import NoiseReport, report_of
 from ..noise.survey import measure_channels, root_mean_square, survey
@@ -42,8 +43,8 @@ class Noise:
         Noise of each pixel, in each channel or in all, as a multiple of its sigma, if it was given as a map.
     photon : tuple of (PhotonNoise or None), or None
         For each channel how the noise grows with the signal, if it does.
-    impulses : tuple of bool
-        For each channel, whether impulses are to be replaced; empty for none.
+    impulses : tuple of (ImpulseRule or None)
+        For each channel how impulses are found, if they are to be replaced; empty for none.
     report : NoiseReport or None
         What was found, if it was estimated.
     """
@@ -52,7 +53,7 @@ class Noise:
     estimated: bool = False
     profile: npt.NDArray[np.float64] | None = None
     photon: tuple[PhotonNoise | None, ...] | None = None
-    impulses: tuple[bool, ...] = ()
+    impulses: tuple[ImpulseRule | None, ...] = ()
     report: NoiseReport | None = None
 
     @property
@@ -147,7 +148,7 @@ def of_report(report: NoiseReport, *, estimated: bool) -> Noise:
         tuple(channel.level_to_remove for channel in channels),
         estimated,
         photon=photon if any(each is not None for each in photon) else None,
-        impulses=tuple(channel.has_impulses for channel in channels),
+        impulses=tuple(channel.impulse_rule if channel.has_impulses else None for channel in channels),
         report=report,
     )
 

@@ -21,8 +21,10 @@ from ..regularization.tiling import Tile, cut
 from ..solvers import Solver
 from ..weights import Weights, patch_weights
 from .plan import DenoisePlan
+from .prepare import reach_of
 from .raster import Raster
 from .run import expect_one_sweep, run_plan
+from .split import split
 
 # Bytes of a value in the arrays of a run beside those of the device: as a float before and after, and copies of both.
 _HOST = 6
@@ -55,33 +57,26 @@ def tiles_of(
     MemoryError
         Even a small part with its halo needs more.
     """
-    whole = tuple(slice(0, n) for n in shape)
-    if plan.max_iter == 0:
-        rows = max(1, memory // max(1, channels * math.prod(shape[1:]) * dtype.itemsize * _HOST))
-        return cut(shape, (min(rows, shape[0]), *shape[1:]), (0,) * len(shape), (1,) * len(shape))
-    found = patch_weights(plan.weights)
-    grid = GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
-    if found is None or plan.k is not None or not isinstance(plan.weights, Weights):
-        return None
-    if plan.weights.part(grid, whole) is None:
-        return None
-    try:
-        expect_one_sweep(plan, solver, "a part")
-    except ValueError:
-        return None
+    plans = [own for _, own in plan.groups] or [plan]
+    active = [own for own in plans if own.max_iter > 0]
     device = backends.get(backend, dtype)
-    averaged = (found[0].reach if plan.average_radius is None else plan.average_radius) if plan.average_patches else 0
-    # a pixel that a mask leaves out takes the value of the nearest inside, at most a patch away
-    beyond = averaged + plan.weights.reach * (3 if masked else 1)
-    halo = tuple((np.abs(grid.offsets).max(axis=0, initial=0) + beyond).tolist())
     blocks = tuple((*[1] * len(shape), device.row_block, device.column_block)[-len(shape) :])
+    halos = [_halo(own, shape, solver, masked=masked or own.flat_side > 0) for own in active]
+    reaches = [(reach_of(own, len(shape)),) * len(shape) for own in plans]
+    known = [halo for halo in halos if halo is not None]
+    if len(known) < len(active):
+        return None
+    halo = tuple(max(each) for each in zip(*known, *reaches, strict=True))
+    if not active:
+        rows = max(1, memory // max(1, channels * math.prod(shape[1:]) * dtype.itemsize * _HOST))
+        return cut(shape, (min(rows, shape[0]), *shape[1:]), halo, (1,) * len(shape))
 
     def wide(sizes: tuple[int, ...]) -> tuple[int, ...]:
         whole = zip(shape, sizes, halo, blocks, strict=True)
         return tuple(n if s >= n else min(n, s + 2 * h + b - 1) for n, s, h, b in whole)
 
     def needs(sizes: tuple[int, ...]) -> int:
-        return _bytes(plan, GridGraph(wide(sizes), plan.radius, plan.metric, spacing=plan.spacing), channels, device)
+        return max(_bytes(own, _grid(own, wide(sizes)), channels, device) for own in active)
 
     candidates = [sorted({-(-n // k) for k in _CUTS if k <= n}) for n in shape]
     per_pixel = needs(shape) / math.prod(shape)
@@ -100,12 +95,35 @@ def tiles_of(
         per_pixel *= 1.05 * needs(sizes) / (math.prod(wide(sizes)) * per_pixel)
 
 
+def _grid(plan: DenoisePlan, shape: tuple[int, ...]) -> GridGraph:
+    """Return the grid of a plan."""
+    return GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
+
+
+def _halo(plan: DenoisePlan, shape: tuple[int, ...], solver: str | Solver, *, masked: bool) -> tuple[int, ...] | None:
+    """Return the distance along each axis of the pixels on which a pixel depends; None if the plan has no parts."""
+    found = patch_weights(plan.weights)
+    grid = _grid(plan, shape)
+    if found is None or plan.k is not None or not isinstance(plan.weights, Weights):
+        return None
+    if plan.weights.part(grid, tuple(slice(0, n) for n in shape)) is None:
+        return None
+    try:
+        expect_one_sweep(plan, solver, "a part")
+    except ValueError:
+        return None
+    averaged = (found[0].reach if plan.average_radius is None else plan.average_radius) if plan.average_patches else 0
+    # a pixel that a mask leaves out takes the value of the nearest inside, at most a patch away
+    beyond = averaged + plan.weights.reach * (3 if masked else 1) + reach_of(plan, len(shape))
+    return tuple((np.abs(grid.offsets).max(axis=0, initial=0) + beyond).tolist())
+
+
 def _bytes(plan: DenoisePlan, grid: GridGraph, channels: int, device: Backend) -> int:
     """Return the bytes of one sweep on a grid: on the device, and in the process."""
     by_weight = plan.average_patches == "weighted"
     step = OneStep(plan.centre == "largest", 0 if plan.average_patches else None, by_weight)
     stored = bool(plan.average_patches) and not step.fuses(device, grid)
-    maps = bool(plan.average_patches) or np.ndim(plan.lam) > 0
+    maps = bool(plan.average_patches) or np.ndim(plan.lam) > 0 or bool(plan.photon) or plan.replaces_impulses
     job = Job(channels + stored, weights=plan.weights, per_vertex=maps, stored=stored)  # type: ignore[arg-type]
     return job.need(grid, device).total + grid.n_vertices * channels * device.dtype.itemsize * _HOST
 
@@ -117,13 +135,13 @@ def working_set(limit: int) -> int:
 
 def part_of(plan: DenoisePlan, shape: tuple[int, ...], tile: Tile) -> DenoisePlan:
     """Return the plan for a part: maps are cut as the image is."""
+    groups = tuple((channels, part_of(own, shape, tile)) for channels, own in plan.groups)
     lam, weights = plan.lam, plan.weights
     if np.ndim(lam):
         lam = np.asarray(lam).reshape(shape)[tile.wide]
     if isinstance(weights, Weights) and plan.max_iter > 0:
-        grid = GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
-        weights = weights.part(grid, tile.wide) or weights
-    return replace(plan, lam=lam, weights=weights)
+        weights = weights.part(_grid(plan, shape), tile.wide) or weights
+    return replace(plan, lam=lam, weights=weights, groups=groups)
 
 
 def run_in_parts(
@@ -146,6 +164,17 @@ def run_in_parts(
     guide, progress, run
         As the options of :func:`run_plan`.
     """
+    if raster.thin_axes:
+
+        def on(own: DenoisePlan, part: Raster) -> Result:
+            return run_in_parts(own, part, guide=guide, progress=progress, **run)
+
+        result = split(plan, raster, on, guide=guide)
+        if result is not None:
+            if out is None:
+                return result
+            out[...] = result.value
+            return replace(result, value=out)
     limit = process_limit(run.get("memory"))
     kind = raster.computed_type(run.get("dtype"))
     tiles = None
@@ -186,7 +215,7 @@ def run_part(
 ) -> tuple[npt.NDArray[Any], Result]:
     """Run the plan of a part on it; return the values of its interior with the channels, and the result without."""
     if part.inside is not None and not part.inside.any():
-        nothing = replace(plan, max_iter=0)
+        nothing = replace(plan, max_iter=0, groups=(), impulses=())
         result = run_plan(nothing, part, channel_axis=-1, **run)
     else:
         result = run_plan(plan, part, guide=guide, channel_axis=-1, **run)

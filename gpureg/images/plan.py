@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graphs.edges import Metric
+from ..noise.impulses import ImpulseRule
 from ..noise.photon import PhotonNoise
 from ..noise.report import NoiseReport
 from ..tuning.explanation import table
@@ -55,13 +56,14 @@ class DenoisePlan:
     photon : tuple of (PhotonNoise or None)
         For each channel how the noise grows with the signal, if it does; empty for none. The weights and `lam` are for
         a pixel with noise `sigma`; :func:`run_plan` scales them by the noise at each pixel of a smoothed image.
-    impulses : tuple of bool
-        For each channel, whether impulses (single pixels that have nothing to do with their neighbours) are replaced by
-        the median of their neighbours; lam is 0 where all channels have one. Empty for none.
+    impulses : tuple of (ImpulseRule or None)
+        For each channel how impulses (single pixels that have nothing to do with their neighbours) are found. They are
+        replaced by the median of their neighbours; lam is 0 where all channels have one. Empty for none.
     units : tuple of float
         What the channels are divided by before they are compared, and multiplied with after; empty for 1.
-    leaves_flat : bool
-        Whether large areas of exactly equal values, which hold no noise, take no part, like pixels outside a mask.
+    flat_side : int
+        Areas of exactly equal values with this side or more, which hold no noise, take no part, like pixels outside a
+        mask; 0 if all take part.
     groups : tuple of (channels, DenoisePlan)
         Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
         other attributes are those of the first group, except `sigma`.
@@ -91,9 +93,9 @@ class DenoisePlan:
     k: int | None = None
     sigmas: tuple[float, ...] = ()
     photon: tuple[PhotonNoise | None, ...] = ()
-    impulses: tuple[bool, ...] = ()
+    impulses: tuple[ImpulseRule | None, ...] = ()
     units: tuple[float, ...] = ()
-    leaves_flat: bool = False
+    flat_side: int = 0
     groups: tuple[tuple[tuple[int, ...], DenoisePlan], ...] = ()
     same: tuple[int, ...] = ()
     report: NoiseReport | None = field(default=None, compare=False, repr=False)
@@ -112,7 +114,7 @@ class DenoisePlan:
     @property
     def replaces_impulses(self) -> bool:
         """Whether impulses are replaced in any channel."""
-        return any(self.impulses)
+        return any(rule is not None for rule in self.impulses)
 
     def describe(self) -> str:
         """Describe the plan in one line."""
@@ -167,7 +169,7 @@ class DenoisePlan:
         if any(line is not None for line in self.photon):
             lines = ", ".join(f"{line.gain:.3g}" for line in self.photon if line is not None)
             rows["growth"] = f"gain = {lines}", "the noise grows with the signal: a map of it is used"
-        if self.leaves_flat:
+        if self.flat_side:
             rows["flat"] = "left out", "large areas of equal values hold no noise"
         if self.replaces_impulses:
             rows["impulses"] = "replaced", "single pixels have nothing to do with their neighbours"

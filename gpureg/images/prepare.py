@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..noise.blocks import measured_axes
 from ..noise.flat import large_flat_areas
+from ..noise.impulses import REACH
 from ..noise.impulses import filled as without_impulses
 from ..noise.measure import impulses_in
 from ..noise.photon import PhotonNoise
@@ -64,8 +65,9 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
     if plan.units:
         pixels = pixels / np.asarray(plan.units, pixels.dtype)
     inside = raster.inside
-    if plan.leaves_flat and plan.max_iter > 0:
-        flat = np.logical_and.reduce([large_flat_areas(raster.cells[..., i], inside) for i in range(raster.channels)])
+    if plan.flat_side and plan.max_iter > 0:
+        each = (large_flat_areas(raster.cells[..., i], inside, plan.flat_side) for i in range(raster.channels))
+        flat = np.logical_and.reduce(list(each))
         if flat.any() and not flat.all():
             inside = ~flat if inside is None else inside & ~flat
     return Prepared(plan, pixels, inside, count)
@@ -77,11 +79,9 @@ def _replaced(
     """Replace the impulses of each channel; return the pixels, and where a value was replaced, (..., m)."""
     pixels, hit = pixels.copy(), np.zeros(pixels.shape, bool)
     axes = measured_axes(raster.shape)[-2:]
-    lines = plan.photon or (None,) * len(plan.impulses)
-    for i, (wanted, sigma, line) in enumerate(zip(plan.impulses, plan.sigmas, lines, strict=True)):
-        if wanted:
-            variance = None if line is None else (line.gain, line.read_noise**2 - line.gain * line.offset)
-            hit[..., i] = impulses_in(raster.cells[..., i], raster.inside, sigma, variance)
+    for i, rule in enumerate(plan.impulses):
+        if rule is not None:
+            hit[..., i] = impulses_in(raster.cells[..., i], raster.inside, rule)
             pixels[..., i] = without_impulses(pixels[..., i], hit[..., i], axes, raster.inside)
     return pixels, hit
 
@@ -96,6 +96,15 @@ def _adapted(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Den
     if found is not None:
         return replace(plan, weights=found)
     return replace(plan, lam=np.asarray(plan.lam) / profile**2)
+
+
+def reach_of(plan: DenoisePlan, ndim: int) -> int:
+    """Return the distance of the pixels on which the preparation of a pixel depends."""
+    blur = _BLUR[2 if ndim < 3 else 3]
+    reach = REACH if plan.replaces_impulses else 0
+    if any(line is not None for line in plan.photon):
+        reach += 2 * int(_TRUNCATE * blur + 0.5)  # a pixel outside the mask takes the value of the nearest inside
+    return reach + plan.flat_side
 
 
 def noise_map(raster: Raster, values: npt.NDArray[Any], line: PhotonNoise) -> npt.NDArray[np.float64]:

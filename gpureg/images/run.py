@@ -21,13 +21,14 @@ from ..model.result import Interrupted, Result, Stop
 from ..regularization.one_sweep import OneStep, one_sweep
 from ..regularization.regularize import regularize
 from ..solvers import Jacobi, Solver, resolve
-from ..weights import Weights, patch_weights
+from ..weights import patch_weights
 from .guides import filled, guided_by
 from .options import RUN_PLAN, RunPlan, check_run
 from .patch_graph import nearest_patches
 from .plan import DenoisePlan
 from .prepare import prepared
 from .raster import Raster
+from .split import split
 
 # Options that are also options of a sweep that does not store its weights.
 _RUN = ("backend", "dtype", "memory", "progress")
@@ -167,15 +168,14 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
     flag("coupled", asked["coupled"])
     if asked["update_weights"] is not None:
         integer("update_weights", asked["update_weights"], low=1)
-    if raster.thin_axes and may_squeeze(plan.weights, asked["guide"]):
-        inner = raster.without_thin_axes()
-        lam = plan.lam if np.ndim(plan.lam) == 0 else np.reshape(plan.lam, inner.shape)
-        options = cast("RunPlan", {**asked, "mask": None, "channel_axis": inner.channel_axis})
-        result = run_plan(replace(plan, lam=lam), inner, **options)
-        cells = result.value if inner.channel_axis is None else np.moveaxis(result.value, -1, raster.channel_axis or 0)
-        return replace(result, value=cells.reshape(raster.values.shape))
-    if plan.groups:
-        return _in_groups(plan, raster, asked, begin)
+
+    def on(own: DenoisePlan, part: Raster) -> Result:
+        again = {**asked, "channel_axis": part.channel_axis, "mask": None}
+        return run_plan(own, part, **cast("RunPlan", again))
+
+    parts = split(plan, raster, on, guide=asked["guide"])
+    if parts is not None:
+        return parts
     if plan.max_iter == 0 and not plan.replaces_impulses:
         return _nothing_done(raster, asked, begin)
     ready = prepared(plan, raster, raster.pixels(asked["dtype"]))
@@ -192,49 +192,6 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
             ready.plan, ready.pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": kind}
         )
     return replace(result, value=raster.like(ready.back(result.value)), seconds=time.perf_counter() - begin)
-
-
-def may_squeeze(weights: object, guide: object) -> bool:
-    """Return whether axes of length 1 may be left out: nothing is given that has the shape of the grid."""
-    return guide is None and (weights is None or isinstance(weights, str | Weights))
-
-
-def _in_groups(plan: DenoisePlan, raster: Raster, asked: RunPlan, begin: float) -> Result:
-    """Denoise groups of channels one after the other, each with its plan."""
-    cells = np.moveaxis(raster.values, raster.channel_axis or 0, -1).copy()
-    if raster.channel_axis is None or (plan.same and len(plan.same) != raster.channels):
-        raise ValueError(f"the plan is for {len(plan.same)} channels, the image has {raster.channels}")
-    options = cast("RunPlan", {**asked, "channel_axis": raster.channel_axis, "mask": None})
-    results = []
-
-    def assembled() -> npt.NDArray[Any]:
-        for channel, first in enumerate(plan.same):
-            cells[..., channel] = cells[..., first]
-        return np.ascontiguousarray(np.moveaxis(cells, -1, cast("int", raster.channel_axis)))
-
-    for channels, own in plan.groups:
-        picked = list(channels)
-        try:
-            result = run_plan(own, raster.only(channels), **options)
-        except Interrupted as interruption:
-            cells[..., picked] = np.moveaxis(interruption.result.value, raster.channel_axis, -1)
-            raise Interrupted(replace(interruption.result, value=assembled())) from None
-        cells[..., picked] = np.moveaxis(result.value, raster.channel_axis, -1)
-        results.append(result)
-        if result.stop is Stop.CALLBACK:
-            break
-    longest = max(results, key=lambda result: (result.stop is Stop.MAX_ITER, result.iterations))
-    alone = len(results) == 1
-    return replace(
-        longest,
-        value=assembled(),
-        energy=longest.energy if alone else np.empty(0),
-        checks=longest.checks if alone else np.empty(0, np.int64),
-        gap=longest.gap if alone else None,
-        error_bound=longest.error_bound if alone else None,
-        method=longest.method + ("" if alone else f" In {len(results)} groups of channels."),
-        seconds=time.perf_counter() - begin,
-    )
 
 
 def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:

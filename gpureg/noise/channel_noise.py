@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .impulses import ImpulseRule
 from .measured import State
 from .photon import PhotonNoise
 from .survey import Channel
@@ -41,6 +42,8 @@ class ChannelNoise:
         Brightness of the darkest 0.1 percent, from which the line is used.
     impulses : float
         Share of the pixels that are impulses. It is meant seriously only if `has_impulses`.
+    impulse_rule : ImpulseRule or None
+        How they are found.
     has_impulses, salt_and_pepper : bool
         Whether impulses are noise, not fine detail, and whether they lie at the extremes of the range.
     correlated : bool
@@ -72,6 +75,7 @@ class ChannelNoise:
     level: float
     dark: float
     impulses: float
+    impulse_rule: ImpulseRule | None
     has_impulses: bool
     salt_and_pepper: bool
     correlated: bool
@@ -164,6 +168,7 @@ def channel_noise(channel: Channel) -> ChannelNoise:
         level=0.0 if growth is None else growth.level,
         dark=0.0 if growth is None else growth.dark,
         impulses=channel.share("impulses"),
+        impulse_rule=next((part.rule for part in channel.parts if part.rule is not None), None),
         has_impulses=channel.says("impulses") or channel.share("lone") > 0.5,
         salt_and_pepper=channel.share("salt") > 0.5,
         correlated=channel.says("correlated"),

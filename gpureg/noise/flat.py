@@ -49,8 +49,8 @@ def equal_cubes(values: Array, side: int, axes: Sequence[int]) -> Flags:
 
 def flat_areas(
     values: Array, good: Flags, axes: Sequence[int], *, whole: bool, counts: bool = False, least: int = 0
-) -> Flags:
-    """Return the cells in areas of equal values.
+) -> tuple[Flags, int]:
+    """Return the cells in areas of equal values, and the side of the cubes.
 
     Parameters
     ----------
@@ -64,17 +64,22 @@ def flat_areas(
     least : int, default 0
         Smallest side of the cubes.
     """
-    known: npt.NDArray[Any] = values
-    if not good.all():
-        known = np.where(good, values, np.nan)
     side = max(least, _SIDE_OF_INTEGERS if whole else _SIDE)
-    found = equal_cubes(known, side, axes) & good
+    found = cubes_of(values, good, side, axes)
     if counts and not np.any(found & (values > 0)):
         enough = _ENOUGH * np.count_nonzero(good)
         while side < _LARGEST and np.count_nonzero(good & ~found) <= enough:
             side += 4
-            found = equal_cubes(known, side, axes) & good
-    return found
+            found = cubes_of(values, good, side, axes)
+    return found, side
+
+
+def cubes_of(values: Array, good: Flags, side: int, axes: Sequence[int]) -> Flags:
+    """Return the cells that count, inside a cube of equal values that count."""
+    known: npt.NDArray[Any] = values
+    if not good.all():
+        known = np.where(good, values, np.nan)
+    return equal_cubes(known, side, axes) & good
 
 
 def are_counts(sample: Array, low: float) -> bool:
@@ -82,16 +87,22 @@ def are_counts(sample: Array, low: float) -> bool:
     return low == 0 and float(sample.mean()) < FEW_COUNTS
 
 
-def large_flat_areas(values: Array, inside: Flags | None) -> Flags:
-    """Return the cells of a whole image of one channel in large areas of equal values, which hold no noise."""
+def large_side(values: Array, inside: Flags | None) -> int:
+    """Return the side of large areas of equal values in an image of one channel."""
+    good = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, bool)
+    known = values[good if inside is None else good & inside]
+    counts = values.dtype.kind in "iu" and bool(known.size)
+    counts = counts and are_counts(known[:: max(1, known.size // 16384)], float(known.min()))
+    return _LARGEST if counts else _LARGE
+
+
+def large_flat_areas(values: Array, inside: Flags | None, side: int) -> Flags:
+    """Return the cells of an image of one channel in areas of equal values of this side, which hold no noise."""
     good = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, bool)
     if inside is not None:
         good &= inside
     axes = [axis for axis, size in enumerate(values.shape) if size >= 3]
-    whole = values.dtype.kind in "iu"
-    known = values[good]
-    counts = whole and bool(known.size) and are_counts(known[:: max(1, known.size // 16384)], float(known.min()))
-    return flat_areas(values, good, axes[-3:], whole=whole, counts=counts, least=_LARGE)
+    return cubes_of(values, good, side, axes[-3:])
 
 
 def written_twice(values: Array, axes: Sequence[int]) -> int | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,51 @@ _SHARE, _AT_EXTREMES, _FAR_SALT, _WINDOW = 0.01, 0.7, 2.5, 2
 _EQUAL = 0.7
 # Extreme pixels are looked at if they have more than this share.
 _EXTREME_SHARE = 0.005
+
+
+@dataclass(frozen=True)
+class ImpulseRule:
+    """How the impulses of a channel are found: all that the whole image decides, so that a part of it gives the same.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of the noise, in the image's units; 0 for single pixels in areas of equal values.
+    line : (slope, level) or None
+        The variance slope * value + level of noise that grows with the signal.
+    offset, scale : float
+        The values are compared minus `offset` and over `scale`.
+    low, high : float
+        The smallest and the largest value of the image.
+    whole, counts : bool
+        Whether the values are whole numbers, and counts of which many are 0.
+    side : int
+        Side of areas of equal values, in which nothing is an impulse.
+    agree : int
+        Number of neighbours that may be as far as the impulse.
+    extreme, salt : bool
+        Whether pixels at the ends of the range are looked at closer, and whether the impulses are salt and pepper.
+    again : bool
+        Whether there are so many that impulses are looked for without those that are known.
+    """
+
+    sigma: float
+    line: tuple[float, float] | None
+    offset: float
+    scale: float
+    low: float
+    high: float
+    whole: bool
+    counts: bool
+    side: int
+    agree: int = 2
+    extreme: bool = False
+    salt: bool = False
+    again: bool = False
+
+
+# Pixels around a part of an image from which its impulses follow, and are replaced, to the bit.
+REACH = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,51 +91,69 @@ class Scene:
     values: Array
     medians: Array
     usable: Flags
-    extreme: Flags | None
+    extreme: Flags
     axes: tuple[int, ...]
     least: float = 0.0
 
 
-def extremes(values: Array, good: Flags, low: float, high: float) -> Flags | None:
-    """Return the cells with the smallest or the largest value, if they have a notable share."""
-    found: Flags = ((values == low) | (values == high)) & good
-    return found if np.count_nonzero(found) > _EXTREME_SHARE * found.size else None
-
-
-def find_impulses(scene: Scene, sigma: float | Array) -> tuple[Flags, bool]:
-    """Return the impulses, and whether they are salt and pepper.
+def rule_for(scene: Scene, rule: ImpulseRule, sigma: float | Array) -> tuple[ImpulseRule, Flags]:
+    """Return how the impulses of an image are found, and the impulses.
 
     Parameters
     ----------
     scene : Scene
+    rule : ImpulseRule
+        What is known of the image.
     sigma : float or (b, ...) array
-        Standard deviation of the noise, or one per pixel where it grows with the signal.
+        Standard deviation of the noise over ``rule.scale``, or one per pixel where it grows with the signal.
     """
+    size = scene.values.size
+    extreme = rule.whole and bool(np.count_nonzero(scene.extreme) > _EXTREME_SHARE * size)
     found = _candidates(scene, scene.usable, sigma)
     agree = 2
-    if np.count_nonzero(found) > _MANY * found.size:
+    if np.count_nonzero(found) > _MANY * size:
         agree = 3
         found = _candidates(scene, scene.usable, sigma, agree=agree)
-    if scene.extreme is not None:
+    if extreme:
         found |= _candidates(scene, scene.usable & scene.extreme, sigma, far=_FAR_EXTREME, agree=agree)
     count = np.count_nonzero(found)
-    if count < _SHARE * found.size:
-        return found, False
-    if scene.extreme is not None and np.count_nonzero(found & scene.extreme) > _AT_EXTREMES * count:
-        return found | _salt(scene, scene.extreme, sigma), True
-    for _ in range(2):
-        found |= _candidates(scene, scene.usable & ~found, sigma, known=found)
-    return found, False
+    many = bool(count >= _SHARE * size)
+    salt = many and extreme and bool(np.count_nonzero(found & scene.extreme) > _AT_EXTREMES * count)
+    rule = replace(rule, agree=agree, extreme=extreme, salt=salt, again=many and not salt)
+    return rule, _completed(scene, rule, found, sigma)
+
+
+def impulses_by(scene: Scene, rule: ImpulseRule, sigma: float | Array) -> Flags:
+    """Return the impulses by a rule; `sigma` as in :func:`rule_for`."""
+    if rule.sigma == 0:
+        return lone_pixels(scene)
+    found = _candidates(scene, scene.usable, sigma, agree=rule.agree)
+    if rule.extreme:
+        found |= _candidates(scene, scene.usable & scene.extreme, sigma, far=_FAR_EXTREME, agree=rule.agree)
+    return _completed(scene, rule, found, sigma)
+
+
+def _completed(scene: Scene, rule: ImpulseRule, found: Flags, sigma: float | Array) -> Flags:
+    """Return the impulses with those that are seen when the first ones are known."""
+    if rule.salt:
+        return found | _salt(scene, scene.extreme, sigma)
+    for _ in range(2 if rule.again else 0):
+        found = found | _candidates(scene, scene.usable & ~found, sigma, known=found)
+    return found
 
 
 def lone_pixels(scene: Scene) -> Flags:
     """Return the pixels that differ from neighbours of which nearly all are exactly equal."""
     found = np.zeros(scene.values.shape, bool)
-    at = np.flatnonzero((scene.values != scene.medians) & scene.usable)
-    if at.size:
-        around = scene.values.ravel()[_neighbours(scene.values, at, scene.axes, 1)]
-        equal = np.count_nonzero(around == np.median(around, axis=0), axis=0)
-        found.ravel()[at[equal >= _EQUAL * len(around)]] = True
+    for _ in range(3):  # neighbours that are lone pixels do not count
+        at = np.flatnonzero(scene.usable & ~found)
+        if at.size:
+            near = _neighbours(scene.values, at, scene.axes, 1)
+            around = np.where(found.ravel()[near], np.nan, scene.values.ravel()[near])
+            median = _median_of_known(around)
+            equal = np.count_nonzero(around == median, axis=0)
+            many = equal >= np.maximum(_EQUAL * np.count_nonzero(~np.isnan(around), axis=0), 3)
+            found.ravel()[at[many & (scene.values.ravel()[at] != median)]] = True
     return found
 
 

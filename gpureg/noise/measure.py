@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .blocks import Block, measured_axes
-from .flat import are_counts, flat_areas, written_twice
+from .flat import are_counts, cubes_of, flat_areas, written_twice
 from .graphs import MEDIAN
-from .impulses import Scene, extremes, find_impulses, lone_pixels
+from .impulses import ImpulseRule, Scene, impulses_by, lone_pixels, rule_for
 from .measured import Fields, Measured
 from .steps import (
     Array,
@@ -78,20 +78,15 @@ def measure(block: Block, line: tuple[float, float] | None = None) -> Measured:
     return _Measuring(block.values, good, pixels, axes).measured(line)
 
 
-def impulses_in(
-    values: npt.NDArray[Any], inside: Flags | None, sigma: float, line: tuple[float, float] | None = None
-) -> Flags:
-    """Return the impulses of a whole image of one channel.
+def impulses_in(values: npt.NDArray[Any], inside: Flags | None, rule: ImpulseRule) -> Flags:
+    """Return the impulses of an image of one channel, or of a part of it, by a rule.
 
     Parameters
     ----------
     values : array
     inside : bool array of its shape, or None
         True at the pixels that count.
-    sigma : float
-        Standard deviation of the noise; 0 for single pixels in areas of equal values.
-    line : (slope, level), optional
-        As in :func:`measure`.
+    rule : ImpulseRule
     """
     axes = measured_axes(values.shape)
     if not axes:
@@ -104,33 +99,51 @@ def impulses_in(
         None if inside is None else np.moveaxis(inside, axes, last).reshape(-1, *whole[-len(axes) :]),
     )
     good = block.good
-    if np.count_nonzero(good) < FEWEST:
+    if not good.any():
         return np.zeros(values.shape, bool)
-    found = _Measuring(block.values, good, int(np.count_nonzero(good)), block.axes).impulses(sigma, line)
+    found = _Measuring(block.values, good, int(np.count_nonzero(good)), block.axes, rule).impulses(rule)
     return np.moveaxis(found.reshape(whole), last, axes)
 
 
 class _Measuring:
     """The work of :func:`measure` on one block."""
 
-    def __init__(self, exact: npt.NDArray[Any], good: Flags, pixels: int, axes: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        exact: npt.NDArray[Any],
+        good: Flags,
+        pixels: int,
+        axes: tuple[int, ...],
+        rule: ImpulseRule | None = None,
+    ) -> None:
         self.exact, self.good, self.pixels, self.axes = exact, good, pixels, axes
         self.complete = bool(good.all())
-        known = exact.ravel() if self.complete else exact[good]
-        self.sample = known[:: max(1, pixels // 16384)]
-        self.low, self.high = float(known.min()), float(known.max())
-        self.whole = exact.dtype.kind in "iu" or bool(np.all(self.sample == np.round(self.sample)))
-        some = self.sample.astype(np.float64)
-        self.offset = float(np.median(some))
-        below, above = np.percentile(some, [5, 95])
-        self.scale = float(above - below) or float(some.std()) or 1.0
+        if rule is None:
+            known = exact.ravel() if self.complete else exact[good]
+            self.sample = known[:: max(1, pixels // 16384)]
+            self.low, self.high = float(known.min()), float(known.max())
+            self.whole = exact.dtype.kind in "iu" or bool(np.all(self.sample == np.round(self.sample)))
+            some = self.sample.astype(np.float64)
+            self.offset = float(np.median(some))
+            below, above = np.percentile(some, [5, 95])
+            self.scale = float(above - below) or float(some.std()) or 1.0
+            self.counts = self.whole and are_counts(some, self.low)
+            self.flat, self.side = flat_areas(exact, good, axes, whole=self.whole, counts=self.counts)
+        else:
+            self.low, self.high, self.whole, self.counts = rule.low, rule.high, rule.whole, rule.counts
+            self.offset, self.scale, self.side = rule.offset, rule.scale, rule.side
+            self.flat = cubes_of(exact, good, self.side, axes)
         self.values = self._scaled()
-        self.counts = self.whole and are_counts(some, self.low)
-        self.flat = flat_areas(exact, good, axes, whole=self.whole, counts=self.counts)
         self.usable = good & ~self.flat
         self.medians = self.values
         for axis in axes[-2:]:
             self.medians = median_of_three(self.medians, axis)
+
+    def _rule(self, sigma: float, line: tuple[float, float] | None) -> ImpulseRule:
+        """Return what is known of the image, for noise of this standard deviation in its units."""
+        return ImpulseRule(
+            sigma, line, self.offset, self.scale, self.low, self.high, self.whole, self.counts, self.side
+        )  # fmt: skip
 
     def _scaled(self) -> Array:
         """Return the values in units of the contrast; missing ones are means of those around them."""
@@ -168,23 +181,26 @@ class _Measuring:
                 if np.count_nonzero(self.usable) < _LEFT * before:
                     share = np.count_nonzero(lone) / self.pixels
                     why = "there are only areas of equal values and single pixels"
-                    return Measured("no noise", why, 0.0, **shares, impulses=share, lone=True)
+                    return Measured("no noise", why, 0.0, **shares, impulses=share, rule=self._rule(0.0, None))
         step = max(1, self.values.size // 65536)
         distances = np.abs(self.values - self.medians).ravel()[::step][self.usable.ravel()[::step]]
         if np.count_nonzero(self.usable) < FEWEST or not distances.size:
             return self._only_flat(shares)
         nonzero = distances[distances > 0]
         first = float(np.median(nonzero)) * _OF_MEDIAN if nonzero.size else 0.0
-        impulses, salt = np.zeros(self.good.shape, bool), False
+        impulses = np.zeros(self.good.shape, bool)
+        rule: ImpulseRule | None = None
         if first > 0:
-            impulses, salt = find_impulses(scene, first if line is None else self._of_line(line, first))
+            sigmas = first if line is None else self._of_line(line, first)
+            rule, impulses = rule_for(scene, self._rule(first * self.scale, line), sigmas)
         found = self._estimate(impulses)
         if line is None and found is not None and found[0].sigma > 0 and first > 0:
-            again, salt_again = find_impulses(scene, min(found[0].sigma, first))
+            own = min(found[0].sigma, first)
+            new, again = rule_for(scene, self._rule(own * self.scale, None), own)
             if np.count_nonzero(again ^ impulses) > _CHANGED * self.pixels:
                 second = self._estimate(again)
                 if second is not None:
-                    found, impulses, salt = second, again, salt_again
+                    found, impulses, rule = second, again, new
         if found is None:
             return Measured("cannot tell", "no pixel has neighbours that count", **shares)
         fields, count, texture, more = found
@@ -195,22 +211,21 @@ class _Measuring:
             why = "neighbouring values do not differ" if texture == 0 else "no second difference"
             return Measured("no noise", why, 0.0, count, **shares)
         return Measured(
-            "measured", "", fields.sigma * self.scale, count, texture=texture, salt=salt, fields=fields, **shares
+            "measured", "", fields.sigma * self.scale, count, texture=texture, rule=rule, fields=fields, **shares
         )
 
     def _scene(self) -> Scene:
         """Return what is needed to find impulses."""
-        extreme = extremes(self.exact, self.good, self.low, self.high) if self.whole else None
+        extreme = np.zeros(self.good.shape, bool)
+        if self.whole:
+            extreme = ((self.exact == self.low) | (self.exact == self.high)) & self.good
         least = _RARE_COUNT / self.scale if self.counts else 0.0
         return Scene(self.values, self.medians, self.usable, extreme, self.axes[-2:], least)
 
-    def impulses(self, sigma: float, line: tuple[float, float] | None) -> Flags:
-        """Return the impulses for noise of this standard deviation, or with this line of its variance."""
-        scene = self._scene()
-        if sigma == 0:
-            return lone_pixels(scene)
-        own = sigma / self.scale
-        return find_impulses(scene, own if line is None else self._of_line(line, own))[0]
+    def impulses(self, rule: ImpulseRule) -> Flags:
+        """Return the impulses by a rule."""
+        own = rule.sigma / self.scale
+        return impulses_by(self._scene(), rule, own if rule.line is None else self._of_line(rule.line, own))
 
     def _span(self, fields: Fields) -> tuple[float, float]:
         """Return the range of the smoothed image, in the image's units."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from .impulses import ImpulseRule
 from .steps import Array, Flags
 
 State = Literal["measured", "no noise", "cannot tell"]
@@ -73,10 +74,8 @@ class Measured:
         Whether clipped values could not be left out: sigma is a lower bound.
     flat, impulses, clipped_low, clipped_high, repeated : float
         Shares of the pixels: in areas of equal values, impulses, at the ends of the range, with a value that many have.
-    salt : bool
-        Whether the impulses are salt and pepper.
-    lone : bool
-        Whether the impulses stand in areas of equal values, and there is nothing else.
+    rule : ImpulseRule or None
+        How the impulses were found; its sigma is 0 if they stand in areas of equal values, and there is nothing else.
     sparse : bool
         Whether the values are counts of less than 1 on average.
     span : tuple of float
@@ -97,11 +96,20 @@ class Measured:
     clipped_low: float = 0.0
     clipped_high: float = 0.0
     repeated: float = 0.0
-    salt: bool = False
-    lone: bool = False
+    rule: ImpulseRule | None = None
     sparse: bool = False
     span: tuple[float, float] = (math.nan, math.nan)
     fields: Fields | None = field(default=None, repr=False)
+
+    @property
+    def salt(self) -> bool:
+        """Whether the impulses are salt and pepper."""
+        return self.rule is not None and self.rule.salt
+
+    @property
+    def lone(self) -> bool:
+        """Whether the impulses stand in areas of equal values, and there is no other noise."""
+        return self.rule is not None and self.rule.sigma == 0
 
     @property
     def relative_error(self) -> float:

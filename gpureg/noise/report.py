@@ -96,7 +96,11 @@ class NoiseReport:
         return {
             "state": self.state,
             "channels": [
-                {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in asdict(c).items()}
+                {
+                    name: None if isinstance(x, float) and not math.isfinite(x) else x
+                    for name, x in asdict(c).items()
+                    if name != "impulse_rule"
+                }
                 for c in self.channels
             ],
             "covariance": None if self.covariance is None else [list(row) for row in self.covariance],

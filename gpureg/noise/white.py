@@ -136,7 +136,7 @@ def gradient_to_noise(
         band = cells[first : first + rows + 1].astype(np.float64) / sigma
         inside = np.ones(band.shape[:-1], bool) if mask is None else mask[first : first + rows + 1]
         known = inside[..., None] & np.ones(band.shape[-1], bool)
-        known &= ~flat_areas(band, known, range(band.ndim - 1), whole=whole)
+        known &= ~flat_areas(band, known, range(band.ndim - 1), whole=whole)[0]
         for axis in axes:
             one, other = along(axis, 1, None, band.ndim), along(axis, None, -1, band.ndim)
             steps = np.minimum(np.abs(band[one] - band[other]), limit)[known[one] & known[other]]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from .base import Parameter, PatchWeights, PerVertex, Weights, parameter
+from .base import Parameter, PatchWeights, PerVertex, Weights
 from .guide import Compared
 from .similarity import Bilateral, Held, Patch
 
@@ -18,9 +18,9 @@ def scaled_by(weights: Weights | npt.ArrayLike, factors: npt.NDArray[np.float64]
     None if the weights have no such parameters.
     """
     if isinstance(weights, Patch):
-        return replace(weights, h=_times(weights.h, factors, "h"), sigma=_times(weights.sigma, factors, "sigma"))
+        return replace(weights, h=_times(weights.h, factors), sigma=_times(weights.sigma, factors))
     if isinstance(weights, Bilateral):
-        return replace(weights, sigma_value=_times(weights.sigma_value, factors, "sigma_value"))
+        return replace(weights, sigma_value=_times(weights.sigma_value, factors))
     if isinstance(weights, Held):
         held = scaled_by(weights.weights, factors)
         return replace(weights, weights=held) if isinstance(held, PatchWeights) else None
@@ -30,8 +30,8 @@ def scaled_by(weights: Weights | npt.ArrayLike, factors: npt.NDArray[np.float64]
     return None
 
 
-def _times(value: Parameter, factors: npt.NDArray[np.float64], name: str) -> Parameter:
-    """Return a parameter multiplied at each vertex."""
+def _times(value: Parameter, factors: npt.NDArray[np.float64]) -> Parameter:
+    """Return a parameter multiplied at each vertex; its middle does not depend on the factors of other vertices."""
     if isinstance(value, PerVertex):
-        return parameter(name, value.values * factors, zero=True)
-    return value if value == 0 or np.isinf(value) else parameter(name, value * factors, zero=True)
+        return PerVertex(value.values * factors, value.middle)
+    return value if value == 0 or np.isinf(value) else PerVertex(value * factors, value)

@@ -105,7 +105,7 @@ def test_an_animation_is_a_series(tmp_path, kind):
 
 @pytest.mark.parametrize("extension", [".jpg", ".png", ".webp", ".bmp", ".tif"])
 def test_what_lies_beside_the_pixels_is_kept_or_named(tmp_path, extension):
-    """A photograph with a profile, EXIF, XMP and a resolution, written in each format: what it says is kept or named."""
+    """A photograph with a profile, EXIF, XMP and a resolution: in each format what it says is kept or named."""
     tags = Image.Exif()
     tags[0x010F] = "A camera"
     Image.fromarray(smooth()).save(
