@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from ..checks import number
 from ..doors import door, warn
-from ..noise.white import estimate_noise
 from ..weights import bilateral
+from .by_noise import Treated, by_noise
+from .noise import Sigma, check_sigma
 from .one_step import one_step
 from .options import FILTER, Filter, check_filter, map_of
 from .raster import Raster
@@ -28,6 +29,7 @@ def denoise_bilateral(
     radius: float | None = None,
     sigma_space: float | None = None,
     sigma_value: float | npt.ArrayLike | None = None,
+    sigma: Sigma | None = None,
     **options: Unpack[Filter],
 ) -> npt.NDArray[Any]:
     """Denoise an image by the bilateral filter: each pixel becomes the mean of near pixels with similar values.
@@ -43,7 +45,12 @@ def denoise_bilateral(
         the smallest cells.
     sigma_value : float or array, optional
         sigma_X of w1, in the image's units; sqrt(2) times the value of OpenCV and scikit-image. With one value per
-        pixel, sigma_X(u) sigma_X(v) replaces its square. None means 3 sqrt(C) times the noise, for C channels.
+        pixel, sigma_X(u) sigma_X(v) replaces its square. None means 3 sqrt(C) times the noise, for C channels; then
+        channels are filtered together only where that is better, and impulses are replaced, as in
+        :func:`gpureg.denoise_image`.
+    sigma : float, array, "photon", NoiseReport or PhotonNoise, optional
+        Standard deviation of the noise, in the forms of :func:`gpureg.denoise_image`, if `sigma_value` is None; None
+        estimates it.
     lam, centre, metric, border, constant, mask, spacing, channel_axis
     backend, dtype, memory, callback, progress
         As in :func:`denoise_nl_means`.
@@ -88,17 +95,26 @@ def denoise_bilateral(
         radius = max(2 * sigma_space if math.isfinite(sigma_space) else 7 * finest, coarsest)
         _warn_of_the_whole(raster.shape, radius, asked["spacing"], sigma_space)
     number("radius", radius, finite=False)
-    if sigma_value is None:
-        noise = estimate_noise(raster.values, channel_axis=raster.channel_axis, mask=raster.inside)
-        sigma_value = 3 * noise * math.sqrt(raster.channels)
-        if sigma_value == 0:
-            return raster.values.copy()  # no noise was found
-    return one_step(
+    check_sigma(sigma, raster)
+    if sigma is not None and sigma_value is not None:
+        raise ValueError("sigma decides sigma_value, which is given: leave one of them out")
+
+    def run(treated: Treated, value: float | npt.ArrayLike) -> npt.NDArray[Any]:
+        return one_step(
+            treated.raster,
+            lambda maps: bilateral(sigma_space, maps["sigma_value"]),
+            {"sigma_value": map_of("sigma_value", value, raster.shape, above=0, finite=False)},
+            cast("Filter", {**asked, "lam": treated.lam(asked["lam"])}),
+            radius=radius,
+        )
+
+    if sigma_value is not None:
+        return run(Treated(raster, 0.0), sigma_value)
+    return by_noise(
         raster,
-        lambda maps: bilateral(sigma_space, maps["sigma_value"]),
-        {"sigma_value": map_of("sigma_value", sigma_value, raster.shape, above=0, finite=False)},
-        asked,
-        radius=radius,
+        sigma,
+        asked["guide"] is not None,
+        lambda treated: run(treated, 3 * math.sqrt(treated.raster.channels) * treated.level),
     )
 
 

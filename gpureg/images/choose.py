@@ -13,9 +13,9 @@ import numpy.typing as npt
 from ..doors import door, warn
 from ..graphs.grid import GridGraph
 from ..noise.flat import large_side
-from ..noise.report import NoiseReport
 from ..tuning.fidelity import LamMethod, choose_lam
 from ..weights import Bilateral, patch_weights
+from .by_noise import say
 from .course import Course
 from .fidelity import fidelity_of
 from .guides import contrast
@@ -101,7 +101,7 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     if course.needs_noise:
         noise = noise.found(raster)
     if noise.report is not None and noise.estimated:
-        _say(noise.report)
+        say(noise.report)
     if raster.channels > 1 and _depends_on_noise(asked, course):
         groups, same = noise.groups(raster)
         if len(groups) > 1 or len(set(same)) < len(same):
@@ -136,16 +136,6 @@ def _squeezed(asked: Choice, raster: Raster) -> Choice:
         elif values.ndim > 0 and (raster.channel_axis is None or values.shape != (raster.channels,)):
             changed["sigma"] = np.broadcast_to(values, raster.shape).reshape(inner.shape)
     return cast("Choice", {**asked, **changed})
-
-
-def _say(report: NoiseReport) -> None:
-    """Warn of noise that cannot be removed or told."""
-    for sentence in report.warnings():
-        warn(sentence)
-    for index, channel in enumerate(report.channels):
-        if channel.state == "cannot tell":
-            which = "" if len(report.channels) == 1 else f" of channel {index}"
-            warn(f"the noise{which} cannot be told ({channel.why}), and no noise is removed: give sigma")
 
 
 def _depends_on_noise(asked: Choice, course: Course) -> bool:

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from ..checks import integer, number
 from ..doors import door
-from ..noise.white import estimate_noise
 from ..weights import patch
+from .by_noise import Treated, by_noise, level_of
+from .noise import Sigma, check_sigma, noise_of
 from .one_step import one_step
 from .options import FILTER, Filter, check_averaging, check_filter, map_of
 from .plan import AveragePatches
@@ -27,7 +28,7 @@ def denoise_nl_means(
     radius: float | None = None,
     h: float | npt.ArrayLike | None = None,
     patch_sigma: float | None = None,
-    sigma: float | npt.ArrayLike = 0.0,
+    sigma: Sigma = 0.0,
     average_patches: AveragePatches = False,
     average_radius: int | None = None,
     cut: float = 0.0,
@@ -46,11 +47,13 @@ def denoise_nl_means(
     h : float or array, optional
         Filtering parameter > 0, in the image's units times sqrt(C sum(g)) for C channels. With one value per pixel,
         h(u) h(v) replaces h^2. None means 0.6 times the noise times that root; if `sigma` is 0, the noise is estimated
-        and also used as `sigma`.
+        and also used as `sigma`. Then channels are denoised together only where that is better, and impulses are
+        replaced, as in :func:`gpureg.denoise_image`.
     patch_sigma : float, optional
         Standard deviation a > 0, in pixels, of a Gaussian patch g_a that sums to 1. None means a flat patch, g = 1.
-    sigma : float or array, default 0
-        Standard deviation of the noise, or one per pixel: 2 sigma^2 is subtracted from each squared difference.
+    sigma : float, array, "photon", NoiseReport or PhotonNoise, default 0
+        Standard deviation of the noise, in the forms of :func:`gpureg.denoise_image`: 2 sigma^2 is subtracted from each
+        squared difference.
     lam : float or array, default 2
         Twice the weight of the pixel itself, in the unit defined by `centre`; with infinity the pixel does not change.
     centre : {"once", "largest", "none"}, default "once"
@@ -96,7 +99,7 @@ def denoise_nl_means(
     Warns
     -----
     UserWarning
-        As :func:`gpureg.denoise_image`.
+        As :func:`gpureg.denoise_image`; without `h` also of noise that cannot be told or removed.
 
     Notes
     -----
@@ -125,26 +128,27 @@ def denoise_nl_means(
         radius = max((7 if raster.ndim == 2 else 2) * finest, coarsest)
     number("radius", radius, finite=False)
     # Run the checks of the weight function before the noise is estimated.
-    sigmas = map_of("sigma", sigma, raster.shape, low=0)
-    by_row = sigmas if np.ndim(sigmas) == 0 else np.ravel(sigmas)
-    patch(patch_radius, 1.0, sigma=by_row, patch_sigma=patch_sigma, cut=cut)
+    check_sigma(sigma, raster)
+    patch(patch_radius, 1.0, patch_sigma=patch_sigma, cut=cut)
+    samples = (2 * patch_radius + 1) ** raster.ndim if patch_sigma is None else 1
+
+    def run(treated: Treated, h: float | npt.ArrayLike | None) -> npt.NDArray[Any]:
+        part, level = treated.raster, treated.level
+        if h is None:
+            h = 0.6 * math.sqrt(samples * part.channels) * level
+        return one_step(
+            part,
+            lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], patch_sigma=patch_sigma, cut=cut),
+            {"h": map_of("h", h, raster.shape, above=0), "sigma": level},
+            cast("Filter", {**asked, "lam": treated.lam(asked["lam"])}),
+            radius=radius,
+            reach=patch_radius,
+            average_patches=average_patches,
+            averaged=averaged,
+        )
+
     if h is None:
-        noise = float(np.sqrt(np.mean(np.square(sigmas))))
-        if noise == 0:
-            noise = estimate_noise(raster.values, channel_axis=raster.channel_axis, mask=raster.inside)
-            sigmas = noise
-        samples = (2 * patch_radius + 1) ** raster.ndim if patch_sigma is None else 1
-        h = 0.6 * noise * math.sqrt(samples * raster.channels)
-        if h == 0:
-            return raster.values.copy()  # no noise was found
-    bandwidths = map_of("h", h, raster.shape, above=0)
-    return one_step(
-        raster,
-        lambda maps: patch(patch_radius, maps["h"], sigma=maps["sigma"], patch_sigma=patch_sigma, cut=cut),
-        {"h": bandwidths, "sigma": sigmas},
-        asked,
-        radius=radius,
-        reach=patch_radius,
-        average_patches=average_patches,
-        averaged=averaged,
-    )
+        given = None if isinstance(sigma, int | float | np.number) and sigma == 0 else sigma
+        return by_noise(raster, given, asked["guide"] is not None, lambda treated: run(treated, None))
+    noise = noise_of(raster, sigma, needed=False)
+    return run(Treated(raster, level_of(raster, noise)), h)

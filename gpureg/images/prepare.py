@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from ..noise.blocks import measured_axes
 from ..noise.flat import large_flat_areas
+from ..noise.impulse_map import impulses_in
 from ..noise.impulses import REACH
 from ..noise.impulses import filled as without_impulses
-from ..noise.measure import impulses_in
 from ..noise.photon import PhotonNoise
 from ..weights import scaled_by
 from .guides import filled

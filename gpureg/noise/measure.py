@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .blocks import Block, measured_axes
+from .blocks import Block
 from .flat import are_counts, cubes_of, flat_areas, written_twice
 from .graphs import MEDIAN
 from .impulses import ImpulseRule, Scene, impulses_by, lone_pixels, rule_for
@@ -75,37 +75,10 @@ def measure(block: Block, line: tuple[float, float] | None = None) -> Measured:
         return Measured("cannot tell", f"only {pixels} pixels count", pixels=pixels)
     if max(block.values.shape[1:]) < 3:
         return Measured("cannot tell", "no axis has three pixels", pixels=pixels)
-    return _Measuring(block.values, good, pixels, axes).measured(line)
+    return Measuring(block.values, good, pixels, axes).measured(line)
 
 
-def impulses_in(values: npt.NDArray[Any], inside: Flags | None, rule: ImpulseRule) -> Flags:
-    """Return the impulses of an image of one channel, or of a part of it, by a rule.
-
-    Parameters
-    ----------
-    values : array
-    inside : bool array of its shape, or None
-        True at the pixels that count.
-    rule : ImpulseRule
-    """
-    axes = measured_axes(values.shape)
-    if not axes:
-        return np.zeros(values.shape, bool)
-    last = tuple(range(-len(axes), 0))
-    moved = np.moveaxis(values, axes, last)
-    whole = moved.shape
-    block = Block(
-        moved.reshape(-1, *whole[-len(axes) :]),
-        None if inside is None else np.moveaxis(inside, axes, last).reshape(-1, *whole[-len(axes) :]),
-    )
-    good = block.good
-    if not good.any():
-        return np.zeros(values.shape, bool)
-    found = _Measuring(block.values, good, int(np.count_nonzero(good)), block.axes, rule).impulses(rule)
-    return np.moveaxis(found.reshape(whole), last, axes)
-
-
-class _Measuring:
+class Measuring:
     """The work of :func:`measure` on one block."""
 
     def __init__(

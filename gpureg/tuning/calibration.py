@@ -132,6 +132,8 @@ def calibrate(
     if method == "sure":
         if sigma is None:
             noise = estimate_noise(image, channel_axis=channel_axis, mask=mask)
+            if math.isnan(noise):
+                raise ValueError('the noise cannot be told: give sigma, or take method="j-invariance"')
         else:
             noise = np.asarray(sigma) if np.ndim(sigma) else number("sigma", sigma, low=0)
         known = noise
