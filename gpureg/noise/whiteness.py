@@ -30,6 +30,8 @@ _FEWEST, _NO_NOISE = 300, 1e4
 _CERTAIN = 5 * 0.75
 # Number of pieces of a line; a stripe is in all of them, an edge in a few.
 _PIECES = 6
+# Standard deviations of white noise that are taken off the products of the pieces.
+_BY_CHANCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Whiteness:
     blur : float
         Standard deviation in pixels of a Gaussian that makes white noise as correlated; 0 if it is not.
     stripe_rows, stripe_columns : float
-        Standard deviation of the offsets of rows and of columns, over sigma.
+        Standard deviation of the offsets of rows and of columns, over sigma; 0 unless they are certain.
     share_of_impulses : float
         Share of the impulses in the smoothest third of the windows.
     """
@@ -102,7 +104,7 @@ def whiteness(measured: Measured) -> Whiteness | None:
         correlated=correlated,
         periodic=periodic,
         blocks=not periodic and max(_steps_by_phase(fields, half, axis) for axis in (1, 2)) > _BLOCKS,
-        stripes=not periodic and max(rows, columns) > _STRIPES,
+        stripes=not periodic and max(rows, columns) > 0,
         impulses=not correlated and share > bound,
         rayleigh=positive and abs(level - _RAYLEIGH) < _CLOSE,
         long_sigma=float(np.sqrt(np.mean(variances[:, 3]) * math.pi / 2 / 6)) * fields.scale,
@@ -172,7 +174,7 @@ def _steps_by_phase(fields: Fields, bound: float, axis: int) -> float:
 
 
 def _stripes(fields: Fields, axis: int) -> float:
-    """Return the standard deviation of the offsets of lines, over sigma.
+    """Return the standard deviation of the offsets of lines, over sigma; 0 unless they are certain.
 
     Second differences across the lines are averaged over pieces of a line. Products of pairs of pieces do not contain
     the variance of the means; the second smallest of 15 does not contain an edge that is in some of the pieces.
@@ -191,4 +193,8 @@ def _stripes(fields: Fields, axis: int) -> float:
         for i in range(_PIECES)
         for j in range(i + 1, _PIECES)
     )
-    return math.sqrt(max(products[1], 0.0) / 6) / fields.sigma
+    # white noise gives products with this standard deviation
+    lines, width = across.shape[axis] * across.shape[0], across.shape[along] / _PIECES
+    chance = 6 / width / math.sqrt(lines) * fields.sigma**2
+    certain = math.sqrt(max(products[1] - _BY_CHANCE * chance, 0.0) / 6) / fields.sigma
+    return math.sqrt(max(products[1], 0.0) / 6) / fields.sigma if certain > _STRIPES else 0.0
