@@ -28,8 +28,8 @@ def spread(values: Values, samples: int = _SAMPLES) -> float:
 
     The spread of a channel is twice the range of its middle 90 percent, which is about the range of noisy data, or half
     the range of its middle 98 percent if that is larger. If both are 0, it is the range of all but fewer values, one at
-    each end at least; if these are constant too, it is the standard deviation. Of more than 2^16 values of a channel, as many at equal distances count. The result is
-    rounded to 4 bits, so that it does not change with every sample.
+    each end at least; if these are constant too, it is the standard deviation. Of more than 2^16 values of a channel,
+    as many at equal distances count. The result is rounded to 4 bits, so that it does not change with every sample.
     """
     return _rounded(max((_of_channel(values[:, c], samples) for c in range(values.shape[1])), default=0.0))
 
