@@ -26,7 +26,7 @@ tol = click.option(
     type=float,
     help="Stop at this largest change, relative to the range; certified: at this gap, relative to the energy.",
 )
-eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the range]")
+eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the spread]")
 backend = click.option(
     "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
 )

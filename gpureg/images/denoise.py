@@ -27,7 +27,7 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     Parameters
     ----------
     image : array
-        Two or more axes, not counting the channels. Values are not rescaled.
+        Two or more axes, not counting the channels. Results and parameters are in its units.
     sigma : float or array, optional
         Standard deviation of the noise in the image's units, or one per pixel; None estimates it
         (:func:`gpureg.estimate_noise`).
@@ -81,7 +81,8 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     channel_axis : int, optional
         The axis of the channels, which are regularized together; None for a grey image.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. eps = None means 1e-3 of the image's range, 0 for p = 2; dtype = None means
+        As in :func:`gpureg.regularize`. eps = None means 1e-3 of the image's spread, 0 for p = 2 and with
+        the certified solver; dtype = None means
         float32, or float64 for integers of more than 16 bits.
 
     Returns

@@ -52,7 +52,7 @@ def inpaint_image(
     Parameters
     ----------
     image : array
-        Two or more axes, not counting the channels. Values are not rescaled.
+        Two or more axes, not counting the channels. Results and parameters are in its units.
     missing : bool array
         True where a pixel is missing, in the shape of the image without its channels. The image's values there are
         ignored and may be NaN.
@@ -76,7 +76,7 @@ def inpaint_image(
     channel_axis : int, optional
         The axis of the channels, which are regularized together; None for a grey image.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`, with the range of the known pixels; the default `tol` is 1e-5. dtype = None
+        As in :func:`gpureg.regularize`, with the spread of the known pixels; the default `tol` is 1e-5. dtype = None
         means float32, or float64 for integers of more than 16 bits.
 
     Returns

@@ -45,12 +45,14 @@ class Result:
     checks : (c,) int array
         The iterations at which `energy` was computed.
     gap : float or None
-        Bound on the energy minus its minimum; None unless the solver computes one.
+        Bound on the energy minus its minimum, the rounding of the energy and of the data included; None unless the
+        solver computes one. By this rounding it can be above the tolerance at which the run ended.
     error_bound : float or None
         sqrt(2 gap / min lam), a bound on the Euclidean distance over all values from the minimiser, in the data's
         units; None without a gap.
     eps : float
-        The smoothing of the gradient norm that was used (eq. 15), in the data's units.
+        The smoothing of the gradient norm that was used (eq. 15), in the data's units; with coupled=False the largest
+        of all channels.
     method : str
         Description of the iterations, as a sentence: the process, and its damping or step.
     backend : str

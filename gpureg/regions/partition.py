@@ -14,12 +14,15 @@ from ..arrays import FloatArray, IntArray, all_finite, unmasked
 from ..backends.zones import LONGEST, Labels, Lengths
 from ..checks import flag, number
 from ..doors import door
+from ..frame import spread as robust
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 
 # Differences are rounded to 2^-24 of the data's range: to the last bit of float32; exact for integers up to 24 bits.
 _BITS = 24
+# Largest range that counts, in spreads of the data: a length is at most 32 times as long.
+_FURTHEST = 1024
 # Exponent of the smallest number of float64.
 _LEAST = -1074
 
@@ -96,8 +99,9 @@ def energy_partition(
     channels. The zone of a source contains the vertices for which this source is the nearest (section 5.2; Arbelaez and
     Cohen, "Energy partitions and image segmentation", 2004). Among sources at the same distance, the one with the
     fewest edges on the path is chosen, then the one with the smallest label. Zones do not overlap, and the zone of a
-    connected source is connected. Differences are rounded to 2^-24 of the range of f and added as integers, so that
-    all devices give the same zones.
+    connected source is connected. Differences are rounded to 2^-24 of the range of f (at most 1024 times the spread of
+    :func:`gpureg.regularize`: longer ones than 32 times that count as much) and added as integers, so that all devices
+    give the same zones.
 
     Examples
     --------
@@ -177,6 +181,8 @@ def edge_lengths(f: FloatArray, graph: AnyGraph, compactness: float = 0.0) -> tu
     reach = math.hypot(*spread.tolist()) or compactness
     if math.isinf(reach):
         raise ValueError(f"the range of f must be below {np.finfo(np.float64).max:.2g}: scale it")
+    # a few values far beyond all others do not take their digits
+    reach = min(reach, _FURTHEST * typical) if (typical := robust(part)) > 0 else reach
     unit = 2.0 ** max(math.frexp(reach)[1] - _BITS, _LEAST) if reach > 0 else 1.0
     if compactness / unit > LONGEST / 2:
         raise ValueError(

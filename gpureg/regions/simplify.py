@@ -15,6 +15,7 @@ from ..arrays import unmasked
 from ..backends.zones import Labels
 from ..checks import choice, integer, number
 from ..doors import door, outside
+from ..frame import spread
 from ..graphs.edges import Metric, checked_spacing
 from ..graphs.grid import GridGraph
 from ..images.guides import filled
@@ -34,7 +35,7 @@ SOURCES: tuple[SourceKind, ...] = ("extrema", "gradient")
 SMOOTHING = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0)
 ENOUGH = 0.1
 
-# A smoothed copy is rounded to 2^-16 of its range, so that rounding errors make no extrema in flat parts.
+# A smoothed copy is rounded to 2^-16 of its spread, so that rounding errors make no extrema in flat parts.
 _SMOOTH_BITS = 16
 
 
@@ -60,7 +61,7 @@ def simplify_image(
     Parameters
     ----------
     image : array
-        Two or more axes, not counting the channels. Values are not rescaled.
+        Two or more axes, not counting the channels. Results and parameters are in its units.
     lam : float, default 0.05
         Fidelity >= 0 of the function on the regions.
     p, weights, h, by_size, max_iter, gamma, coupled
@@ -240,9 +241,9 @@ def _smoothed(cells: npt.NDArray[Any], grid: GridGraph, sigma: float) -> npt.NDA
     if grid.mask is not None and not grid.mask.all():
         values = filled(values, grid.mask)
     values = ndimage.gaussian_filter(values, (sigma,) * grid.ndim + (0.0,))
-    spread = float(np.ptp(values))
-    if spread == 0:
+    width = spread(values.reshape(-1, values.shape[-1]))
+    if width == 0:
         return values
-    unit = 2.0 ** (np.frexp(spread)[1] - _SMOOTH_BITS)
+    unit = 2.0 ** (np.frexp(width)[1] - _SMOOTH_BITS)
     rounded: npt.NDArray[Any] = np.rint(values / unit) * unit
     return rounded

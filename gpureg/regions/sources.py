@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..backends.zones import Labels
 from ..checks import choice, integer
 from ..doors import door
+from ..frame import Frame
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
@@ -205,6 +206,8 @@ def _neighbours(g: FloatArray, graph: AnyGraph) -> tuple[Flags, Flags]:
 def _squared_gradient(f: FloatArray, graph: AnyGraph) -> FloatArray:
     """Compute the sum of |f(v) - f(u)|^2 over the neighbours v of each vertex u, (n, 1) in float64."""
     n, m = f.shape
+    # only their order counts: squares of very small or large values would be 0 or infinite
+    f = Frame.of(f).into(f, np.dtype(np.float64))
     if isinstance(graph, Graph):
         u = graph.edge_rows()
         d = f[graph.indices].astype(np.float64) - f[u]

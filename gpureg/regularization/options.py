@@ -42,7 +42,7 @@ class Model(Run, total=False):
     norm : {"vertex", "edge"}, default "vertex"
         The smoothness of eq. 20, or of eq. 30.
     eps : float, optional
-        Smoothing of the gradient norm (eq. 15). None: 1e-3 of the data's range.
+        Smoothing of the gradient norm (eq. 15). None: 1e-3 of the data's spread.
     solver : str or Solver, default "jacobi"
         "jacobi", "euler", "certified", or a solver object.
     tol : float, optional

@@ -61,7 +61,7 @@ def regularize(
     ----------
     f0 : array
         The data, shape (n,) or (n, m); on a :class:`GridGraph` also its shape, or its shape with a last axis of m
-        channels. The values are not rescaled. NaN and infinity are allowed only at vertices outside a grid's mask; such
+        channels. NaN and infinity are allowed only at vertices outside a grid's mask; such
         values do not change the result, except through patches that contain them (NaN counts as 0).
     graph : Graph or GridGraph
         The graph of n vertices; or a symmetric sparse matrix of weights of scipy, or a graph of networkx, whose loops
