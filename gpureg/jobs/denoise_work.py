@@ -170,7 +170,7 @@ class Work:
             backend=run["backend"],
             dtype=kind,
             masked=self._masked,
-            memory=working_set(self._memory.limit.bytes),
+            memory=working_set(self._memory.limit.bytes, math.prod(self._shape) * header.channels),
         )
         if tiles is None:
             self._memory.expect_one_run(math.prod(self._shape) * header.channels, header.pixels.dtype)
