@@ -86,6 +86,8 @@ def tiles_of(
     def needs(sizes: tuple[int, ...]) -> int:
         return _bytes(plan, GridGraph(wide(sizes), plan.radius, plan.metric, spacing=plan.spacing), channels, device)
 
+    if needs(shape) <= memory and 1 in _CUTS:
+        return (Tile(whole, whole),)
     candidates = [sorted({-(-n // k) for k in _CUTS if k <= n}) for n in shape]
     per_pixel = needs(shape) / math.prod(shape)
     while True:
