@@ -71,6 +71,16 @@ def test_pixels_without_data_are_left_out(tmp_path, value, named):
     assert "left out 100 pixel(s) without data" in done(denoise(tmp_path / "in.tif", tmp_path / "out.tif", *options))
 
 
+def test_no_data_in_a_colour_and_in_a_type_that_does_not_hold_it(tmp_path):
+    """Black is without data, not a colour without red; and no pixel of 8 bits is -9999 or 0.5."""
+    array = np.maximum(COLOUR, 1)
+    array[3:5, 6:9], array[20, 20, 0] = 0, 0
+    tifffile.imwrite(tmp_path / "in.tif", array, photometric="rgb")
+    for value, count in ((0, 6), (-9999, 0), (0.5, 0)):
+        got = report(tmp_path / "in.tif", tmp_path / "out.tif", *FAST, "--nodata", value)
+        assert got.get("nodata", 0) == count
+
+
 def test_infinite_values_are_an_error_that_names_the_file(tmp_path):
     array = GREY.astype(np.float32)
     array[5, 5] = -np.inf
