@@ -140,5 +140,5 @@ def test_a_sample_is_told(tmp_path, monkeypatch, halved):
     settings = Settings(backend="numpy", weights="bilateral", radius=1)
     report = denoise_file(tmp_path / "in.tif", tmp_path / "out.tif", settings)
     (note,) = report.files["notes"]
-    assert note == "parameters chosen from 9 x 10 x 12 pixels in the middle: the whole does not fit the memory"
+    assert note == "the parameters were chosen from 9 x 10 x 12 pixels in the middle: the whole does not fit the memory"
     assert f"note     {note}" in report.lines()
