@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from ..files.pictures import PictureError, check_destination
+from ..files.pictures import PictureError, check_place
 from ..images.choose import plan_denoising
 from ..images.run import run_plan
 from .group import sentences
@@ -25,15 +25,20 @@ def demo(target: Path, sigma: float, backend: str) -> None:
     """Add noise to scikit-image's camera picture, denoise it, and draw noisy | denoised | difference to OUT."""
 
     def work() -> None:
-        check_destination(target)
+        check_place(target)
         if not (math.isfinite(sigma) and sigma >= 1):
             raise ValueError(f"--sigma must be finite and >= 1 (smaller is lost in rounding to 8 bits), got {sigma}")
         try:
             from skimage import data
 
             from .. import plot
+            from ..plot.canvas import check_path
+
+            check_path(target)
         except ImportError as error:
             raise PictureError(f"the demo needs {error.name}: pip install 'gpureg[plot]'") from None
+        except ValueError as error:  # matplotlib draws OUT, and does not write every format of pictures
+            raise PictureError(str(error)) from None
         clean = data.camera()
         noise = np.random.default_rng(0).standard_normal(clean.shape) * sigma
         noisy = np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8)

@@ -66,7 +66,8 @@ def denoise_file(
             raise ValueError(f"{target} would overwrite {path}, which is read; give another OUT")
     limit = process_limit(settings.memory)
     allowed = FileMemory(limit, settings)
-    with ExitStack() as files:
+    # the source is closed before OUT, which may be the same file, takes its place
+    with ExitStack() as written, ExitStack() as files:
 
         def open_beside(path: Path) -> Source:
             return files.enter_context(opened(beside(path, source), in_parts=lambda header: read.in_parts))
@@ -88,7 +89,7 @@ def denoise_file(
         clean = None if settings.reference is None else reference_of(header, source, beside(settings.reference, source))
         out: npt.NDArray[Any] | None = None
         if read.in_parts:
-            spill = files.enter_context(Spill(header, Path(os.path.realpath(target)).parent))
+            spill = written.enter_context(Spill(header, Path(os.path.realpath(target)).parent))
             put = spill.put
         else:
             out = np.empty(header.pixels.shape, header.pixels.dtype)
@@ -115,6 +116,7 @@ def denoise_file(
         quality = None
         if clean is not None and out is not None:
             quality = qualities(header, layout, out, clean, inside)
+        files.close()
         if out is None:
             write_files({target: lambda temporary: write_pages(temporary, header, spill.page)})
         else:

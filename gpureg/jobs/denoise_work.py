@@ -43,6 +43,8 @@ class FileMemory:
 
     def too_large(self, header: Picture, target: Path) -> bool:
         """Return whether a file has to be read in parts, and can be written so."""
+        if self._settings.reference is not None and not self.limit.asked:
+            return False  # whole pictures are compared
         values, kind = header.pixels.size, header.pixels.dtype
         needed = values * (2 * kind.itemsize + _PLANNING)
         return needed > self.limit.bytes and FORMATS.get(target.suffix.lower()) == "TIFF"
@@ -153,9 +155,11 @@ class Work:
         self._own_plans = self._sampled and not _is_uniform(plan, raster.shape)
         if self._sampled:
             share = " x ".join(str(part.stop - part.start) for part in middle)
-            self._note(f"the parameters were chosen from {share} pixels in the middle, as --memory asks")
+            self._note(
+                f"the parameters were chosen from {share} pixels in the middle: the whole does not fit the memory"
+            )
         if self._own_plans:
-            self._note("what depends on the place was found in each part by itself")
+            self._note("parameters that depend on the place were found in each part by itself")
         return plan
 
     def run(self, i: int, plan: DenoisePlan, put: Put, *, progress: bool) -> Result:
@@ -170,7 +174,7 @@ class Work:
             backend=run["backend"],
             dtype=kind,
             masked=self._masked,
-            memory=working_set(self._memory.limit.bytes),
+            memory=working_set(self._memory.limit.bytes, math.prod(self._shape) * header.channels),
         )
         if tiles is None:
             self._memory.expect_one_run(math.prod(self._shape) * header.channels, header.pixels.dtype)

@@ -95,7 +95,8 @@ class Inside:
     mask : Source or None
         True is not 0, in any of the channels; with the letters of the picture.
     nodata : float or None
-        The value of pixels without data; an infinite one means both infinities.
+        The value of pixels without data, in any channel, or in all of them if they are unsigned integers; an infinite
+        one means both infinities.
 
     Attributes
     ----------
@@ -144,7 +145,10 @@ class Inside:
         numbers = ~self._any(np.isnan(values))
         if self._nodata is None:
             return numbers, np.ones_like(numbers)
-        missing = np.isinf(values) if np.isinf(self._nodata) else values == values.dtype.type(self._nodata)
+        missing = _equal(values, self._nodata)
+        axis = self._source.header.channel_axis
+        if axis is not None and values.dtype.kind == "u":  # a colour may well have one channel of 0
+            return numbers, ~np.asarray(missing.all(axis=axis))
         return numbers, ~self._any(missing)
 
     def _any(self, flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -157,3 +161,15 @@ class Inside:
         drawn = np.asarray(self._mask.read(box) != 0)
         axis = self._mask.header.channel_axis
         return drawn if axis is None else np.asarray(drawn.any(axis=axis))
+
+
+def _equal(values: npt.NDArray[Any], nodata: float) -> npt.NDArray[np.bool_]:
+    """Return where values are that for no data, in their own type."""
+    if np.isinf(nodata):
+        return np.asarray(np.isinf(values))
+    if values.dtype.kind in "iu":
+        limits = np.iinfo(values.dtype)
+        if not (float(nodata).is_integer() and limits.min <= nodata <= limits.max):
+            return np.zeros(values.shape, bool)
+        return np.asarray(values == int(nodata))
+    return np.asarray(values == values.dtype.type(nodata))

@@ -63,7 +63,7 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
     cells = picture.axes.replace("C", "")
     _check_destinations(outputs, picture)
     layout = layout_of(picture, source, settings.each, settings.spacing)
-    inside, nans, masked = inside_of(picture, source, settings.mask)
+    inside, left = inside_of(picture, source, settings.mask)
     slices = layout.turned(picture.pixels, picture.axes)
     valid = None if inside is None else layout.turned(inside, cells)
     markers = None if settings.markers is None else _markers(picture, source, settings.markers, layout)
@@ -101,8 +101,9 @@ def simplify_file(source: Path, target: Path, settings: Simplification, *, progr
         errors=errors,
         through=layout.several,
         spacing=None if layout.spacing is None else dict(zip(layout.grid, layout.spacing, strict=True)),
-        outside_mask=0 if settings.mask is None else masked,
-        nan=nans,
+        outside_mask=0 if settings.mask is None else left.masked,
+        nan=left.nans,
+        nodata=left.nodata,
         outputs={option.lstrip("-").replace("-", "_"): path for option, path in outputs.items() if option != "OUT"},
     )
 

@@ -143,8 +143,8 @@ class SimplifyReport:
         Letters of the axes whose slices were processed one by one.
     spacing : mapping of str to float, optional
         Size of a pixel along each axis, by its letter.
-    outside_mask, nan : int, default 0
-        Numbers of pixels that the mask excludes, and that are NaN.
+    outside_mask, nan, nodata : int, default 0
+        Numbers of pixels that the mask excludes, that are NaN, and that have the value for no data.
     outputs : mapping of str to Path
         The files other than OUT, by the name of their option.
     """
@@ -157,6 +157,7 @@ class SimplifyReport:
     spacing: Mapping[str, float] | None
     outside_mask: int
     nan: int
+    nodata: int
     outputs: Mapping[str, Path]
 
     @property
@@ -212,6 +213,8 @@ class SimplifyReport:
             report |= {"mask": str(asked.mask), "outside_mask": self.outside_mask}
         if self.nan:
             report["nan"] = self.nan
+        if self.nodata:
+            report["nodata"] = self.nodata
         return report | {name: str(path) for name, path in self.outputs.items()}
 
     def lines(self) -> list[str]:
@@ -221,8 +224,8 @@ class SimplifyReport:
         lines.append(f"sources  {self._sources()}{self._smoothing()}")
         each = f" in {len(self.runs)} slices along {self.through}" if self.through else ""
         lines.append(f"regions  {self.regions}, {self.percent(self.regions):.3g} % of {self.pixels} pixels{each}")
-        if self.nan or self.outside_mask:
-            lines.append(left_out(self.nan, self.outside_mask))
+        if self.nan or self.outside_mask or self.nodata:
+            lines.append(left_out(self.nan, self.outside_mask, self.nodata))
         lines.append(f"filter   {self._filter()}")
         if self.merged is not None:
             lines.append(f"merged   {self.merged} regions, {self.percent(self.merged):.3g} % of the pixels")

@@ -128,8 +128,8 @@ def beside(path: Path, source: Path) -> Path:
     return path / source.name if os.path.isdir(path) else path
 
 
-def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.NDArray[np.bool_] | None, int, int]:
-    """Return the pixels that are not left out, None for all; how many hold no number, how many the mask excludes.
+def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.NDArray[np.bool_] | None, Inside]:
+    """Return the pixels that are not left out, None for all, and the numbers of those that are.
 
     Raises
     ------
@@ -139,11 +139,11 @@ def inside_of(picture: Picture, source: Path, mask: Path | None) -> tuple[npt.ND
     drawn = None if mask is None else mask_of(Source.of(read_picture(beside(mask, source))), picture, source, mask)
     inside = Inside(Source.of(picture), source, drawn, picture.nodata)
     if not inside.needed:
-        return None, 0, 0
+        return None, inside
     found = inside.count({})
     if not inside.taken:
         raise PictureError(f"{source}: no pixel is left, all are NaN or outside the mask")
-    return (None if found.all() and mask is None else found), inside.nans + inside.nodata, inside.masked
+    return (None if found.all() and mask is None else found), inside
 
 
 def mask_of(drawn: Source, picture: Picture, source: Path, mask: Path) -> Source:
