@@ -1,0 +1,270 @@
+"""Fit a surface to noisy points: quadrics of crease-aware neighbourhoods, a scale for each point by whiteness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray, IntArray
+from ..graphs.csr import Graph
+from ..model.result import Result
+from ..weights import bilateral, guided
+from .normals import directions, planes, projectors
+from .quadrics import in_pieces, terms
+
+# Numbers of neighbours of the quadrics, of which each point takes one; the finest and the second one tell the noise.
+SCALES = (8, 18, 40, 90)
+# Neighbours in the graph, and for planes and the quadrics of the first iteration.
+GRAPH, AROUND = 8, 18
+# The normals of a component with no more points cannot be told from noise.
+LEAST = AROUND + 1
+# The scale s of the weights of normals: s^2 = 0.15^2 + min(0.5, 1.5 m)^2, with m the median difference along an edge.
+_BASE, _FACTOR, _MOST = 0.15, 1.5, 0.5
+# Two sweeps; a point itself counts 0.3, and 0.6 / 2 of the fidelity is 0.3.
+_SWEEPS, _OWN = 2, 0.6
+# The scale of the weights between projectors in the quadrics: 20 degrees.
+_REACH = 0.5
+# Width of the Gaussian weights of places: the distance to the last neighbour over this.
+_WIDTH = 1.5
+# Regularization of the terms of first and second order, relative to the sum of the weights.
+_RIDGE = np.array([0, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
+# Correlation of heights along an edge below which they are white, and from which on, added, they are shape alone.
+_WHITE, _SHAPE = 0.02, 0.3
+# Sweeps that average correlations, choices and shares. Normals further apart than cos = 0.8 have no common height.
+_AVERAGED, _BLENDED, _SHARED, _SAME = 20, 3, 2, 0.8
+
+Run = Callable[[FloatArray, Graph, float, Any], Result]
+
+
+class SurfaceFit(NamedTuple):
+    """Points fitted to their surface.
+
+    Attributes
+    ----------
+    heights : (n,) float array
+        The height of each point over the surface, along its normal: what is noise.
+    normals : (n, 3) float array
+        Unit vectors, of either orientation.
+    sigma : (n,) float array
+        The standard deviation of the noise along the normal around each point; NaN where it cannot be told, which is in
+        components of fewer than 19 points.
+    component : (n,) int array
+        The component of each point in the graph of neighbours.
+    results : tuple of Result
+        The runs of the model.
+    """
+
+    heights: FloatArray
+    normals: FloatArray
+    sigma: FloatArray
+    component: IntArray
+    results: tuple[Result, ...]
+
+
+def fitted_surface(points: FloatArray, run: Run, scales: Sequence[int] = SCALES) -> SurfaceFit:
+    """Fit a surface to points (n, 3) without repetitions.
+
+    Parameters
+    ----------
+    points : (n, 3) float array
+        At least 19 points.
+    run : callable
+        ``run(f0, graph, lam, weights)`` sweeps once over a function on the graph with p = 2.
+    scales : sequence of int
+        Numbers of neighbours, ascending.
+
+    Notes
+    -----
+    Twice: the normals N of planes through 19 points are averaged with weights exp(-|g(u) - g(v)|^2 / s^2) of a guide g,
+    the mean projector of the neighbours. Then the height of each point over the quadric through its neighbours, in the
+    frame of its normal, with weights exp(-(d / r)^2 - |N(u) N(u)^T - N(v) N(v)^T|^2 / 0.5^2). The neighbours and their
+    places come from the points as the first iteration moves them, the heights from the data. The first iteration uses
+    18 neighbours. In the second, each point takes the largest scale up to which its heights and those around it are
+    white: the mean of h(u) h(v) over the edges is at most 0.02 of that of h^2.
+    """
+    y, results = points, []
+    near, distance = _neighbours(y, AROUND)
+    normals, more, graph, part = _normals(y, near, run)
+    results += more
+    heights, _ = _heights(points, y, normals, near, distance, (AROUND,))
+    y = points - heights[:, :1] * normals
+    scales = [k for k in scales if k < len(points)]
+    near, distance = _neighbours(y, max(*scales, AROUND))
+    normals, more, graph, part = _normals(y, near[:, : AROUND + 1], run)
+    results += more
+    heights, growth = _heights(points, y, normals, near, distance, scales)
+    # a scale is for points whose neighbours are all of their component
+    inside = np.stack([(part[near[:, 1 : k + 1]] == part[:, None]).all(axis=1) for k in scales], axis=1)
+    alone = np.bincount(part)[part] < LEAST
+    heights, sigma = _chosen(graph, normals, heights, growth, inside)
+    heights[alone], sigma[alone] = 0, np.nan
+    return SurfaceFit(heights, normals, sigma, part, tuple(results))
+
+
+def _neighbours(y: FloatArray, k: int) -> tuple[IntArray, FloatArray]:
+    """Find each point itself, first, and its k nearest others, with their distances; both (n, k + 1)."""
+    from scipy.spatial import cKDTree
+
+    distance, near = cKDTree(y, balanced_tree=False).query(y, k + 1, workers=-1)
+    other = np.flatnonzero(near[:, 0] != np.arange(len(y)))
+    if len(other):
+        # points that came to the same place: the point itself changes places with the first, or takes the last one
+        at = np.where((near[other] == other[:, None]).any(axis=1), (near[other] == other[:, None]).argmax(axis=1), k)
+        near[other, at] = near[other, 0]
+        near[other, 0] = other
+    return near, distance
+
+
+def _graph(near: IntArray) -> Graph:
+    """Join each point with its neighbours `near` (n, k + 1), of which the first is the point itself."""
+    from scipy import sparse
+
+    n, k = len(near), near.shape[1] - 1
+    chosen = sparse.csr_array((np.ones(n * k, bool), near[:, 1:].ravel(), np.arange(n + 1) * k), shape=(n, n))
+    both = sparse.csr_array(chosen + chosen.T)
+    both.sort_indices()
+    return Graph(both.indptr, both.indices)
+
+
+def _normals(
+    y: FloatArray, near: IntArray, run: Run
+) -> tuple[FloatArray, list[Result], Graph, IntArray]:
+    """Compute guided normals (n, 3) of planes through `near`; also the runs, the graph and its components (n,)."""
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    n, d = y.shape
+    graph = _graph(near[:, : GRAPH + 1])
+    u, v = graph.edge_rows(), graph.indices
+    joined = sparse.csr_array((np.ones(len(v)), v, graph.indptr), shape=(n, n))
+    count, part = connected_components(joined, directed=False)
+    rows, results = projectors(planes(y, near).normals), []
+    normals = np.empty((n, d))
+    for _ in range(_SWEEPS):
+        mean = directions(joined @ rows + rows, d)
+        apart = np.sqrt(_between(mean, u, v))
+        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * _medians(apart, part[u], count)) ** 2)
+        # one scale for each component: no edge joins two
+        guide = projectors(mean) / scale[part][:, None]
+        results.append(run(rows, graph, _OWN, guided(bilateral(np.inf, 1.0), guide)))
+        normals = directions(results[-1].value.astype(np.float64), d)
+        rows = projectors(normals)
+    return normals, results, graph, part
+
+
+def _between(normals: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+    """Compute the squared distances 2 - 2 (n(u) . n(v))^2 of projectors."""
+    return np.maximum(2 - 2 * _products(normals, u, v) ** 2, 0)
+
+
+def _products(normals: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
+    found = np.zeros(len(u))
+    for column in normals.T:
+        found += column[u] * column[v]
+    return found
+
+
+def _medians(values: FloatArray, group: IntArray, count: int) -> FloatArray:
+    """Compute the median of the values of each group, (count,); 0 for a group without values."""
+    order = np.lexsort((values, group)) if count > 1 else np.argsort(values)
+    sizes = np.bincount(group, minlength=count)
+    begin = np.cumsum(sizes) - sizes
+    found = np.zeros(count)
+    some = np.flatnonzero(sizes)
+    low, high = begin[some] + (sizes[some] - 1) // 2, begin[some] + sizes[some] // 2
+    found[some] = (values[order[low]] + values[order[high]]) / 2
+    return found
+
+
+def _heights(
+    x: FloatArray, y: FloatArray, normals: FloatArray, near: IntArray, distance: FloatArray, scales: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the height of each point over its quadric at each scale, (n, scales), and the variance of white noise.
+
+    The variance (n, scales) is that of the height for white noise of variance 1. Places are those of `y`, heights of
+    `x`, (n, 3); `near` and `distance` are (n, k + 1) with the point itself first.
+    """
+    n, last = len(x), max(scales)
+
+    def work(part: slice) -> FloatArray:
+        own, some = normals[part], near[part, : last + 1]
+        q = len(own)
+        first = np.where(np.abs(own[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+        first = np.cross(own, first)
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        plane = np.stack([first, np.cross(own, first)], axis=2)
+        unit = distance[part, last]
+        unit = np.where(unit > 0, unit, 1)[:, None]
+        heights = ((x[some] - x[part][:, None]) @ own[:, :, None])[..., 0] / unit
+        places = ((y[some] - y[part][:, None]) @ plane) / unit[..., None]
+        A = terms(places, heights)
+        squared = (distance[part, : last + 1] / unit) ** 2
+        alike = (normals[some] @ own[:, :, None])[..., 0]
+        crease = np.exp(np.minimum(alike**2 - 1, 0) * (2 / _REACH**2))
+        found = np.empty((q, 2, len(scales)))
+        for i, k in enumerate(scales):
+            scale = distance[part, k][:, None] / _WIDTH / unit
+            scale = np.where(scale > 0, scale, 1)
+            w = np.exp(-squared[:, : k + 1] / scale**2) * crease[:, : k + 1] + 1e-12
+            B = A[:, :, : k + 1]
+            G = (B * w[:, None]) @ B.transpose(0, 2, 1)
+            # the terms in units of the scale
+            one = np.ones_like(scale)
+            by = np.concatenate([one, 1 / scale, 1 / scale, *[1 / scale**2] * 3], axis=1)
+            M = G[:, :-1, :-1] * by[:, :, None] * by[:, None, :]
+            M += w.sum(axis=1)[:, None, None] * np.diag(_RIDGE) + 1e-12 * np.eye(6)
+            right = np.zeros((q, 6, 2))
+            right[:, :, 0] = G[:, :-1, -1] * by
+            right[:, 0, 1] = 1
+            fit = np.linalg.solve(M, right)
+            # the fit in the point's own place is the sum of share times height
+            share = w * ((fit[:, :, 1] * by)[:, None] @ B[:, :-1])[:, 0]
+            found[:, 0, i] = -fit[:, 0, 0] * unit[:, 0]
+            found[:, 1, i] = (share**2).sum(axis=1) + 1 - 2 * share[:, 0]
+        return found
+
+    both = in_pieces(work, n, (last + 1) * 20)
+    return both[:, 0], both[:, 1]
+
+
+def _chosen(
+    graph: Graph, normals: FloatArray, heights: FloatArray, growth: FloatArray, inside: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Choose the scale of each point; return its height (n,) and the standard deviation of the noise around it (n,)."""
+    from scipy import sparse
+
+    n, count = heights.shape
+    u, v = graph.edge_rows(), graph.indices
+    degree = np.diff(graph.indptr).astype(np.float64)[:, None]
+    joined = sparse.csr_array((np.ones(len(v)), v, graph.indptr), shape=(n, n))
+
+    def averaged(q: FloatArray, times: int) -> FloatArray:
+        for _ in range(times):
+            q = (q + joined @ (q / degree)) / 2
+        return q
+
+    cosine = _products(normals, u, v)
+    sign = np.where(np.abs(cosine) > _SAME, np.sign(cosine), 0)
+    told = []
+    for h in heights.T:
+        told.append(np.bincount(u, sign * h[u] * h[v], n))
+        told.append(np.bincount(u, np.abs(sign) * (h[u] ** 2 + h[v] ** 2) / 2, n))
+    told += [*(heights**2 * degree).T, *(growth * degree).T]
+    mean = averaged(np.stack(told, axis=1), _AVERAGED)
+    products, squares = mean[:, 0 : 2 * count : 2], mean[:, 1 : 2 * count : 2]
+    # heights that are all 0 are white
+    rho = np.divide(products, squares, out=np.zeros_like(products), where=squares > 0)
+    white = (rho <= _WHITE) & inside
+    white[:, 0] = True
+    best = np.logical_and.accumulate(white, axis=1).sum(axis=1) - 1
+    share = averaged(np.eye(count)[best], _BLENDED)
+    share /= share.sum(axis=1, keepdims=True)
+    noise = averaged(np.clip(1 - (rho[:, :1] - _WHITE) / _SHAPE, 0, 1) * degree, _SHARED)[:, 0]
+    noise /= averaged(degree, _SHARED)[:, 0]
+    # the finest scales tell the noise, whichever others there are
+    variance = mean[:, 2 * count : 3 * count] / np.maximum(mean[:, 3 * count :], np.finfo(float).tiny)
+    fine = np.where(best > 0, variance[:, min(1, count - 1)], variance[:, 0])
+    return (share * heights).sum(axis=1) * noise, np.sqrt(fine) * noise
