@@ -97,8 +97,11 @@ class PointDenoisingReport(ShapeReport):
             "p": found.p,
             "lam": number(found.lam) if isinstance(found.lam, float) else "map",
             "neighbours": found.k,
-            "sigma": found.sigma,
+            "sigma": number(found.sigma),
             "sigma_estimated": found.estimated,
+            "noise_unknown": found.unknown,
+            "outliers": int(found.outliers.sum()),
+            "repeated": found.repeated,
         }
         if found.moves:
             report["displacement"] = Displacement.of(found.displacement).as_json()
@@ -107,11 +110,15 @@ class PointDenoisingReport(ShapeReport):
 
     def _noise(self) -> list[str]:
         found = self.found
+        if np.isnan(found.sigma):
+            return ["noise    sigma cannot be told from so few points"]
         share = f", {found.sigma / found.spacing:.2g} of the spacing" if found.moves and found.spacing else ""
         return [noise_line(found.sigma, share, found.estimated)]
 
     def _found(self) -> list[str]:
-        lines = []
+        lines = [f"left out {sentence}" for sentence in self.found.warnings()]
+        if self.found.repeated:
+            lines.append(f"repeated {self.found.repeated} points repeat others; they were merged, and put back after")
         if self.found.moves:
             moved = Displacement.of(self.found.displacement)
             lines.append(f"quality  displacement {moved.mean:.3g} on average, {moved.largest:.3g} at most")

@@ -97,9 +97,9 @@ def cluster_points(
     The mean weight is the resolution at which the constant Potts model (Traag, Van Dooren and Nesterov, Phys. Rev. E
     84, 2011), the limit p = 0 of eq. (30) with a cost for each pair within a cluster, joins two clusters. Pieces
     without an edge between them are joined last, the nearest first. With n_clusters=None the joins stop at the widest
-    relative gap between the mean weights of joins of clusters of at least min_size, if it is 3 or more; clusters of this
-    size without an edge between them count as a gap of 7 after the last join. With a number, the joins stop at the last
-    state with this number of such clusters. Smaller clusters are then joined to the nearest one.
+    relative gap between the mean weights of joins of clusters of at least min_size, if it is 3 or more; clusters of
+    this size without an edge between them count as a gap of 7 after the last join. With a number, the joins stop at the
+    last state with this number of such clusters. Smaller clusters are then joined to the nearest one.
 
     Measured with n_clusters given (adjusted Rand index; spectral clustering, HDBSCAN of 15): labirynth 0.72 (0.72,
     0.51), circles 1 (0.74, 1), mk4 1 (0.61, 0.49), two moons in 100 dimensions 0.88 (0.51, 0).

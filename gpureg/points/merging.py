@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from .normals import spacing_of
 
 # Points at most this part of the spacing apart are equal.
 MERGE_TOL = 1e-6
@@ -48,11 +50,16 @@ class Merged(NamedTuple):
         means: FloatArray = (np.stack(sums, axis=1) / count[:, None]).reshape(-1, *values.shape[1:])
         return means
 
-    def any(self, flags: FloatArray) -> FloatArray:
+    def any(self, flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Return whether a point of each group has the flag, (m,)."""
         found = np.zeros(len(self.points), bool)
         found[self.owner[flags]] = True
         return found
+
+
+def unmerged(points: FloatArray) -> Merged:
+    """Return points (n, d) as they are, each of them a group."""
+    return Merged(points, np.arange(len(points)), spacing_of(points))
 
 
 def merged(points: FloatArray) -> Merged:
@@ -86,7 +93,7 @@ def merged(points: FloatArray) -> Merged:
     doubtful = np.flatnonzero(distance[:, 1] <= limit)
     pairs = doubtful[cKDTree(points[doubtful]).query_pairs(limit, output_type="ndarray")]
     links = sparse.coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    owner = connected_components(links, directed=False)[1]
+    owner = np.asarray(connected_components(links, directed=False)[1], np.int64)
     group = Merged(np.empty((int(owner.max()) + 1, 0)), owner, 0.0)
     means = points[np.unique(owner, return_index=True)[1]]
     # means of differences, which are exact where points are equal

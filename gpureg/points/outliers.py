@@ -44,6 +44,8 @@ def outliers(points: FloatArray, *, surface: bool = True) -> npt.NDArray[np.bool
     for last in (False, True):
         alone = dense > _ALONE * np.median(dense[near], axis=1)
         deviation = _MAD * np.median(height[near], axis=1)
+        # 18 heights alone would raise false alarms
+        deviation = np.maximum(deviation, np.median(deviation[near], axis=1))
         off = (height > _DEVIATIONS * deviation) & (height > _PART * np.median(dense[near], axis=1))
         bad = alone | off
         good = np.flatnonzero(~bad)
@@ -91,6 +93,7 @@ def _heights(points: FloatArray, rows: IntArray, near: IntArray) -> FloatArray:
             found = own[:, 0] - (terms(place[:, None], own[:, :1])[:, :-1, 0] * fit).sum(axis=1)
             deviation = _MAD * np.median(np.abs(left), axis=1) + np.finfo(float).tiny
             w = 1 / (1 + (left / (2 * deviation[:, None])) ** 2)
-        return found * unit
+        over: FloatArray = found * unit
+        return over
 
     return in_pieces(work, len(rows), near.shape[1] * (d + 8))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
@@ -16,7 +15,7 @@ from .normals import directions, planes, projectors
 from .quadrics import in_pieces, terms
 
 # Numbers of neighbours of the quadrics, of which each point takes one; the finest and the second one tell the noise.
-SCALES = (8, 18, 40, 90)
+SCALES = (8, 18, 40, 80, 160)
 # Neighbours in the graph, and for planes and the quadrics of the first iteration.
 GRAPH, AROUND = 8, 18
 # The normals of a component with no more points cannot be told from noise.
@@ -24,13 +23,14 @@ LEAST = AROUND + 1
 # The scale s of the weights of normals: s^2 = 0.15^2 + min(0.5, 1.5 m)^2, with m the median difference along an edge.
 _BASE, _FACTOR, _MOST = 0.15, 1.5, 0.5
 # Two sweeps; a point itself counts 0.3, and 0.6 / 2 of the fidelity is 0.3.
-_SWEEPS, _OWN = 2, 0.6
+_SWEEPS, OWN = 2, 0.6
 # The scale of the weights between projectors in the quadrics: 20 degrees.
 _REACH = 0.5
 # Width of the Gaussian weights of places: the distance to the last neighbour over this.
 _WIDTH = 1.5
-# Regularization of the terms of first and second order, relative to the sum of the weights.
-_RIDGE = np.array([0, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
+# Regularization of the terms 1, s, t, s^2, st, t^2, relative to the sum of the weights; the same for all directions of
+# s, as (a, b, c) -> a^2 + b^2/2 + c^2 is for a quadratic form.
+_RIDGE = np.array([0, 1e-6, 1e-6, 1e-4, 0.5e-4, 1e-4])
 # Correlation of heights along an edge below which they are white, and from which on, added, they are shape alone.
 _WHITE, _SHAPE = 0.02, 0.3
 # Sweeps that average correlations, choices and shares. Normals further apart than cos = 0.8 have no common height.
@@ -86,35 +86,37 @@ def fitted_surface(points: FloatArray, run: Run, scales: Sequence[int] = SCALES)
     white: the mean of h(u) h(v) over the edges is at most 0.02 of that of h^2.
     """
     y, results = points, []
-    near, distance = _neighbours(y, AROUND)
-    normals, more, graph, part = _normals(y, near, run)
+    tree, around = _tree(y), slice(0, len(y))
+    normals, more, graph, part = _normals(y, _neighbours(tree, y, around, AROUND)[0], run)
     results += more
-    heights, _ = _heights(points, y, normals, near, distance, (AROUND,))
-    y = points - heights[:, :1] * normals
-    scales = [k for k in scales if k < len(points)]
-    near, distance = _neighbours(y, max(*scales, AROUND))
-    normals, more, graph, part = _normals(y, near[:, : AROUND + 1], run)
+    heights = _heights(points, y, normals, tree, (AROUND,), part)[:, :1]
+    y = points - heights * normals
+    scales, tree = [k for k in scales if k < len(points)], _tree(y)
+    normals, more, graph, part = _normals(y, _neighbours(tree, y, around, AROUND)[0], run)
     results += more
-    heights, growth = _heights(points, y, normals, near, distance, scales)
-    # a scale is for points whose neighbours are all of their component
-    inside = np.stack([(part[near[:, 1 : k + 1]] == part[:, None]).all(axis=1) for k in scales], axis=1)
+    table = _heights(points, y, normals, tree, scales, part)
+    heights, sigma = _chosen(graph, normals, *np.split(table, 3, axis=1))
     alone = np.bincount(part)[part] < LEAST
-    heights, sigma = _chosen(graph, normals, heights, growth, inside)
     heights[alone], sigma[alone] = 0, np.nan
     return SurfaceFit(heights, normals, sigma, part, tuple(results))
 
 
-def _neighbours(y: FloatArray, k: int) -> tuple[IntArray, FloatArray]:
-    """Find each point itself, first, and its k nearest others, with their distances; both (n, k + 1)."""
+def _tree(y: FloatArray) -> Any:
     from scipy.spatial import cKDTree
 
-    distance, near = cKDTree(y, balanced_tree=False).query(y, k + 1, workers=-1)
-    other = np.flatnonzero(near[:, 0] != np.arange(len(y)))
+    return cKDTree(y, balanced_tree=False)
+
+
+def _neighbours(tree: Any, y: FloatArray, part: slice, k: int, workers: int = -1) -> tuple[IntArray, FloatArray]:
+    """Find each point of the part itself, first, and its k nearest others, with their distances; both (q, k + 1)."""
+    rows = np.arange(len(y))[part]
+    distance, near = tree.query(y[part], k + 1, workers=workers)
+    other = np.flatnonzero(near[:, 0] != rows)
     if len(other):
         # points that came to the same place: the point itself changes places with the first, or takes the last one
-        at = np.where((near[other] == other[:, None]).any(axis=1), (near[other] == other[:, None]).argmax(axis=1), k)
-        near[other, at] = near[other, 0]
-        near[other, 0] = other
+        own = near[other] == rows[other][:, None]
+        near[other, np.where(own.any(axis=1), own.argmax(axis=1), k)] = near[other, 0]
+        near[other, 0] = rows[other]
     return near, distance
 
 
@@ -129,9 +131,7 @@ def _graph(near: IntArray) -> Graph:
     return Graph(both.indptr, both.indices)
 
 
-def _normals(
-    y: FloatArray, near: IntArray, run: Run
-) -> tuple[FloatArray, list[Result], Graph, IntArray]:
+def _normals(y: FloatArray, near: IntArray, run: Run) -> tuple[FloatArray, list[Result], Graph, IntArray]:
     """Compute guided normals (n, 3) of planes through `near`; also the runs, the graph and its components (n,)."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
@@ -140,16 +140,16 @@ def _normals(
     graph = _graph(near[:, : GRAPH + 1])
     u, v = graph.edge_rows(), graph.indices
     joined = sparse.csr_array((np.ones(len(v)), v, graph.indptr), shape=(n, n))
-    count, part = connected_components(joined, directed=False)
+    count, part = connected_components(graph.to_scipy(), directed=False)
     rows, results = projectors(planes(y, near).normals), []
-    normals = np.empty((n, d))
+    normals: FloatArray = np.empty((n, d))
     for _ in range(_SWEEPS):
         mean = directions(joined @ rows + rows, d)
         apart = np.sqrt(_between(mean, u, v))
         scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * _medians(apart, part[u], count)) ** 2)
         # one scale for each component: no edge joins two
         guide = projectors(mean) / scale[part][:, None]
-        results.append(run(rows, graph, _OWN, guided(bilateral(np.inf, 1.0), guide)))
+        results.append(run(rows, graph, OWN, guided(bilateral(np.inf, 1.0), guide)))
         normals = directions(results[-1].value.astype(np.float64), d)
         rows = projectors(normals)
     return normals, results, graph, part
@@ -180,33 +180,35 @@ def _medians(values: FloatArray, group: IntArray, count: int) -> FloatArray:
 
 
 def _heights(
-    x: FloatArray, y: FloatArray, normals: FloatArray, near: IntArray, distance: FloatArray, scales: Sequence[int]
-) -> tuple[FloatArray, FloatArray]:
-    """Compute the height of each point over its quadric at each scale, (n, scales), and the variance of white noise.
+    x: FloatArray, y: FloatArray, normals: FloatArray, tree: Any, scales: Sequence[int], component: IntArray
+) -> FloatArray:
+    """Compute the heights over quadrics, the variances of white noise in them, and whether a scale is allowed.
 
-    The variance (n, scales) is that of the height for white noise of variance 1. Places are those of `y`, heights of
-    `x`, (n, 3); `near` and `distance` are (n, k + 1) with the point itself first.
+    Places are those of `y`, of which `tree` is the tree, heights those of `x`, (n, 3). The result is (n, 3 scales):
+    heights; their variances for white noise of variance 1; 1 where all neighbours are of the point's component.
     """
     n, last = len(x), max(scales)
 
     def work(part: slice) -> FloatArray:
-        own, some = normals[part], near[part, : last + 1]
+        some, distance = _neighbours(tree, y, part, last, workers=1)
+        own = normals[part]
         q = len(own)
         first = np.where(np.abs(own[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
         first = np.cross(own, first)
         first /= np.linalg.norm(first, axis=1)[:, None]
         plane = np.stack([first, np.cross(own, first)], axis=2)
-        unit = distance[part, last]
+        unit = distance[:, last]
         unit = np.where(unit > 0, unit, 1)[:, None]
         heights = ((x[some] - x[part][:, None]) @ own[:, :, None])[..., 0] / unit
         places = ((y[some] - y[part][:, None]) @ plane) / unit[..., None]
         A = terms(places, heights)
-        squared = (distance[part, : last + 1] / unit) ** 2
+        squared = (distance / unit) ** 2
         alike = (normals[some] @ own[:, :, None])[..., 0]
         crease = np.exp(np.minimum(alike**2 - 1, 0) * (2 / _REACH**2))
-        found = np.empty((q, 2, len(scales)))
+        mine = component[some] == component[part][:, None]
+        found = np.empty((q, 3, len(scales)))
         for i, k in enumerate(scales):
-            scale = distance[part, k][:, None] / _WIDTH / unit
+            scale = distance[:, k][:, None] / _WIDTH / unit
             scale = np.where(scale > 0, scale, 1)
             w = np.exp(-squared[:, : k + 1] / scale**2) * crease[:, : k + 1] + 1e-12
             B = A[:, :, : k + 1]
@@ -224,14 +226,14 @@ def _heights(
             share = w * ((fit[:, :, 1] * by)[:, None] @ B[:, :-1])[:, 0]
             found[:, 0, i] = -fit[:, 0, 0] * unit[:, 0]
             found[:, 1, i] = (share**2).sum(axis=1) + 1 - 2 * share[:, 0]
-        return found
+            found[:, 2, i] = mine[:, : k + 1].all(axis=1)
+        return found.reshape(q, -1)
 
-    both = in_pieces(work, n, (last + 1) * 20)
-    return both[:, 0], both[:, 1]
+    return in_pieces(work, n, (last + 1) * 20)
 
 
 def _chosen(
-    graph: Graph, normals: FloatArray, heights: FloatArray, growth: FloatArray, inside: npt.NDArray[np.bool_]
+    graph: Graph, normals: FloatArray, heights: FloatArray, growth: FloatArray, inside: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Choose the scale of each point; return its height (n,) and the standard deviation of the noise around it (n,)."""
     from scipy import sparse
@@ -257,7 +259,7 @@ def _chosen(
     products, squares = mean[:, 0 : 2 * count : 2], mean[:, 1 : 2 * count : 2]
     # heights that are all 0 are white
     rho = np.divide(products, squares, out=np.zeros_like(products), where=squares > 0)
-    white = (rho <= _WHITE) & inside
+    white = (rho <= _WHITE) & (inside > 0)
     white[:, 0] = True
     best = np.logical_and.accumulate(white, axis=1).sum(axis=1) - 1
     share = averaged(np.eye(count)[best], _BLENDED)

@@ -55,7 +55,7 @@ def test_every_kind_of_file(kind):
     expected = gr.denoise_points(NOISY, backend="numpy")
     assert np.array_equal(found.points, expected)
     assert np.array_equal(next(iter(found.columns.values())), np.arange(len(NOISY)))
-    assert told["points"] == len(NOISY) and told["method"] == "normals"
+    assert told["points"] == len(NOISY) and told["method"] == "surface"
     assert told["sigma"] == pytest.approx(gr.estimate_point_noise(NOISY)) and told["sigma_estimated"]
     moved = np.linalg.norm(expected - NOISY, axis=1)
     assert told["displacement"] == {"largest": pytest.approx(moved.max()), "mean": pytest.approx(moved.mean())}
@@ -66,7 +66,7 @@ def test_words(noisy):
     result = run(noisy, "out.ply", "--reference", "clean.ply")
     lines = done(result).splitlines()
     assert [line.split()[0] for line in lines] == ["noise", "filter", "quality", "errors", "errors", "done"]
-    assert "of the spacing, estimated" in lines[0] and "points moved to fit them" in lines[1]
+    assert "of the spacing, estimated" in lines[0] and "a scale for each point" in lines[1]
     before, after = (float(lines[4].split()[k].rstrip(",")) for k in (2, 4))
     # the noise along the surface stays
     assert 0.03 < before < 0.04 and after < 0.9 * before
