@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray
-from ..points.files import PointsFile
+from ..points.contents import PointsFile
 from ..points.filters import PointDenoising
 from .report import Change, Displacement, ShapeReport, noise_line, number
 
@@ -73,7 +73,29 @@ def _mean(distance: Callable[[FloatArray], FloatArray], before: FloatArray, afte
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PointDenoisingReport(ShapeReport):
+class _PointsReport(ShapeReport):
+    """The report on a file of points.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What the file held that was changed or not kept, in sentences.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as a dictionary for JSON."""
+        return super().as_json() | {"notes": list(self.notes)}
+
+    def lines(self) -> list[str]:
+        """Return the report as lines of text."""
+        *lines, last = super().lines()
+        return [*lines, *(f"note     {note}" for note in self.notes), last]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointDenoisingReport(_PointsReport):
     """The report on denoised points.
 
     Attributes
@@ -129,7 +151,7 @@ class PointDenoisingReport(ShapeReport):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ClusteringReport(ShapeReport):
+class ClusteringReport(_PointsReport):
     """The report on clustered points.
 
     Attributes

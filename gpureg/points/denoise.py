@@ -21,6 +21,7 @@ from ..weights import Weights
 from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointDenoising, PointFilter, Task
 from .merging import merged, unmerged
 from .outliers import outliers
+from .renewed import renewed_normals
 
 
 def denoised(
@@ -129,10 +130,11 @@ def denoise_points(found: PointDenoising) -> Any:
     values : (n,) or (n, m) array, optional
         A function on the points, such as colours, to regularize and return instead of the points.
     filter : {"surface", "normals", "positions"}, optional
-        "surface", for points in space, moves them along averaged normals to quadrics; it has no parameters. "normals" regularizes the normals of the neighbourhoods and moves the points to fit them. Both preserve
-        creases, and points do not gather. "positions" regularizes the points. None: "surface" if d is 3 and none of k,
-        p, lam, weights, sigma, max_iter, update_neighbours, norm, eps, solver and tol is given, "normals" if d is 2 or
-        3, else "positions".
+        "surface", for points in space, moves them along averaged normals to quadrics; it has no parameters. "normals"
+        regularizes the normals of the neighbourhoods and moves the points to fit them. Both preserve creases, and
+        points do not gather. "positions" regularizes the points. None: "surface" if d is 3 and none of k, p, lam,
+        weights, sigma, max_iter, update_neighbours, norm, eps, solver and tol is given, "normals" if d is 2 or 3, else
+        "positions".
     k : int, optional
         Neighbours that each point chooses (:func:`gpureg.knn_graph`). None: 8.
     update_neighbours : int, optional
@@ -163,6 +165,8 @@ def denoise_points(found: PointDenoising) -> Any:
     Returns
     -------
     points of the type of the input, in their order; with `values` an array of their shape
+        Normals of a cloud are computed again for the moved points, on the side of the old ones; colours and other data
+        stay as they are.
 
     Raises
     ------
@@ -175,7 +179,7 @@ def denoise_points(found: PointDenoising) -> Any:
     -----
     UserWarning
         Points are outliers, or their noise cannot be told (on a surface: they lie in groups of fewer than 19 points).
-        They stay where they are.
+        They stay where they are. Or the normals or covariances of a cloud are left out.
 
     Notes
     -----
@@ -212,7 +216,14 @@ def denoise_points(found: PointDenoising) -> Any:
     """
     for sentence in found.warnings():
         warnings.warn(sentence, UserWarning, stacklevel=outside())
-    return found.cloud.like(found.value) if found.moves else found.value
+    if not found.moves:
+        return found.value
+    cloud = found.cloud
+    normals = None if cloud.normals is None else renewed_normals(found, cloud.normals)
+    lost = [*cloud.lost, *(["the normals"] if normals is None and cloud.normals is not None else [])]
+    if lost:
+        warnings.warn(f"{' and '.join(lost)} are left out: the points moved", UserWarning, stacklevel=outside())
+    return cloud.like(found.value, normals)
 
 
 def _chosen(filter: Any, d: int, values: bool, options: Mapping[str, Any]) -> PointFilter:
