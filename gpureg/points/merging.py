@@ -15,6 +15,9 @@ MERGE_TOL = 1e-6
 # The spacing of a point is the distance to its nearest neighbour that is no copy: farther than this part of the
 # distance to the last of so many neighbours.
 _NO_COPY, _NEIGHBOURS = 1e-4, 20
+# Where even the last neighbours are closer than this part of the extent they are copies, of which cells of this part of
+# the extent hold most.
+_COPIES, _CELL = 1e-8, 1e-8
 
 
 class Merged(NamedTuple):
@@ -64,45 +67,56 @@ def unmerged(points: FloatArray) -> Merged:
 
 def merged(points: FloatArray) -> Merged:
     """Merge points (n, d) that are at most 1e-6 of the median spacing apart; chains of such points are one group."""
-    from scipy import sparse
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     n = len(points)
     if n < 2:
-        return Merged(points, np.arange(n), 0.0)
+        return unmerged(points)
+    near, distance = _nearest(points)
+    limit = MERGE_TOL * _spacing(points, distance)
+    means, owner = points, np.arange(n, dtype=np.int64)
+    # of many copies the nearest ones are joined first
+    while (distance[:, 1:2] <= limit).any():
+        part = _joined(near, distance <= limit)
+        first = means[np.unique(part, return_index=True)[1]]
+        # means of differences, which are exact where points are equal
+        means = first + Merged(first, part, 0.0).mean(means - first[part])
+        owner = part[owner]
+        if len(means) < 2:
+            return Merged(means, owner, 0.0)
+        near, distance = _nearest(means)
+    return Merged(means, owner, float(np.median(distance[:, 1])))
+
+
+def _nearest(points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Find the nearest points and their distances, ascending, (n, 20) or fewer; the first distance is 0."""
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(points, balanced_tree=False)
-    distance = _distances(tree, points)
-    if distance[:, -1].min() == 0 and n > _NEIGHBOURS:
-        # more copies than neighbours: equal bits first
-        once, owner = np.unique(points, axis=0, return_inverse=True)
-        first = np.full(len(once), n)
-        np.minimum.at(first, owner.ravel(), np.arange(n))
-        order = np.argsort(first)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        inner = merged(once[order])
-        return Merged(inner.points, inner.owner[rank[owner.ravel()]], inner.spacing)
+    distance, near = tree.query(points, min(_NEIGHBOURS, len(points)), workers=-1)
+    return np.asarray(near), np.asarray(distance)
+
+
+def _joined(near: IntArray, same: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Number the groups of points (n,) that are joined with the same ones of the nearest, (n, k)."""
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    u, column = np.nonzero(same)
+    links = sparse.coo_array((np.ones(len(u), bool), (u, near[u, column])), shape=(len(near), len(near)))
+    return np.asarray(connected_components(links, directed=False)[1], np.int64)
+
+
+def _spacing(points: FloatArray, distance: FloatArray) -> float:
+    """Compute the median distance to the nearest point that is no copy; `distance` (n, k) is to the nearest ones."""
+    low, high = np.quantile(points, [0.05, 0.95], axis=0)
+    extent = float((high - low).max())
+    if np.median(distance[:, -1]) < _COPIES * extent:
+        # most points have more copies than neighbours: one of each cell of a fine grid is taken
+        cells = np.floor((points - low) / (_CELL * extent))
+        once = points[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+        if len(once) < 2:
+            return 0.0
+        points, distance = once, _nearest(once)[1]
     far = distance > _NO_COPY * distance[:, -1:]
     own = np.where(far, distance, np.inf).min(axis=1)
-    spacing = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0
-    limit = MERGE_TOL * spacing
-    if distance[:, 1].min() > limit:
-        return Merged(points, np.arange(n), float(np.median(distance[:, 1])))
-    # only points with a copy are searched for pairs
-    doubtful = np.flatnonzero(distance[:, 1] <= limit)
-    pairs = doubtful[cKDTree(points[doubtful]).query_pairs(limit, output_type="ndarray")]
-    links = sparse.coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    owner = np.asarray(connected_components(links, directed=False)[1], np.int64)
-    group = Merged(np.empty((int(owner.max()) + 1, 0)), owner, 0.0)
-    means = points[np.unique(owner, return_index=True)[1]]
-    # means of differences, which are exact where points are equal
-    means = means + group.mean(points - means[owner])
-    nearest = _distances(cKDTree(means, balanced_tree=False), means)[:, 1] if len(means) > 1 else np.zeros(1)
-    return Merged(means, owner, float(np.median(nearest)))
-
-
-def _distances(tree: object, points: FloatArray) -> FloatArray:
-    """Return the distances to the nearest points, ascending, (n, 20) or fewer; the first is 0."""
-    found: FloatArray = tree.query(points, min(_NEIGHBOURS, len(points)), workers=-1)[0]  # type: ignore[attr-defined]
-    return found
+    own = own[np.isfinite(own)]
+    return float(np.median(own)) if len(own) else 0.0

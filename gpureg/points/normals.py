@@ -56,12 +56,21 @@ def spacing_of(points: FloatArray) -> float:
 
 def planes(points: FloatArray, near: IntArray) -> Planes:
     """Fit planes to neighbourhoods by their principal components; `near` is (n, k)."""
-    normals, extent = np.empty_like(points), np.empty(len(points))
-    for begin in range(0, len(points), _PIECE):
+    normals, extent = np.empty((len(near), points.shape[1])), np.empty(len(near))
+    for begin in range(0, len(near), _PIECE):
         part = slice(begin, begin + _PIECE)
         values, vectors = _components(points[near[part]])
         normals[part] = vectors[:, :, 0]
         extent[part] = np.sqrt(np.maximum(values[:, 1], 0))
+    return Planes(normals, extent)
+
+
+def planes_of(points: FloatArray, around: IntArray) -> Planes:
+    """Fit planes to points (n, d) and their nearest, as many of them as `around` (n,) says."""
+    normals, extent = np.empty_like(points), np.empty(len(points))
+    for k in np.unique(around).tolist():
+        rows = around == k
+        normals[rows], extent[rows] = planes(points, nearest(points, k)[rows])
     return Planes(normals, extent)
 
 
@@ -146,7 +155,7 @@ def fitted_points(
     return x
 
 
-def tilt(extent: FloatArray, sigma: float | FloatArray, k: int) -> FloatArray:
+def tilt(extent: FloatArray, sigma: float | FloatArray, k: IntArray) -> FloatArray:
     """Compute the expected distance sqrt(2) sin(angle), (n,), by which noise turns projectors of `k` + 1 points.
 
     `extent` is (n,); it is 1 where the extent is 0.

@@ -11,6 +11,7 @@ from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
 from ..model.result import Result
 from ..weights import bilateral, guided
+from .levels import group_medians
 from .normals import directions, planes, projectors
 from .quadrics import in_pieces, terms
 
@@ -146,7 +147,7 @@ def _normals(y: FloatArray, near: IntArray, run: Run) -> tuple[FloatArray, list[
     for _ in range(_SWEEPS):
         mean = directions(joined @ rows + rows, d)
         apart = np.sqrt(_between(mean, u, v))
-        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * _medians(apart, part[u], count)) ** 2)
+        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * group_medians(apart, part[u], count)) ** 2)
         # one scale for each component: no edge joins two
         guide = projectors(mean) / scale[part][:, None]
         results.append(run(rows, graph, OWN, guided(bilateral(np.inf, 1.0), guide)))
@@ -164,18 +165,6 @@ def _products(normals: FloatArray, u: IntArray, v: IntArray) -> FloatArray:
     found = np.zeros(len(u))
     for column in normals.T:
         found += column[u] * column[v]
-    return found
-
-
-def _medians(values: FloatArray, group: IntArray, count: int) -> FloatArray:
-    """Compute the median of the values of each group, (count,); 0 for a group without values."""
-    order = np.lexsort((values, group)) if count > 1 else np.argsort(values)
-    sizes = np.bincount(group, minlength=count)
-    begin = np.cumsum(sizes) - sizes
-    found = np.zeros(count)
-    some = np.flatnonzero(sizes)
-    low, high = begin[some] + (sizes[some] - 1) // 2, begin[some] + sizes[some] // 2
-    found[some] = (values[order[low]] + values[order[high]]) / 2
     return found
 
 

@@ -224,3 +224,20 @@ def test_known_clusters(data_folder, name):
         points, truth = table[:, :-1], table[:, -1].astype(int)
     assert rand_index(gr.cluster_points(points, n), truth - truth.min()) > given
     assert rand_index(gr.cluster_points(points), truth - truth.min()) > found
+
+
+@pytest.mark.parametrize(("draw", "count"), [("rings", 3), ("moons", 2), ("blob", 1)])
+def test_components_count_as_a_gap(draw, count):
+    """Clusters without an edge between them are apart; the random gaps within a thin ring are none."""
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(0, 2 * np.pi, 900)
+    if draw == "rings":
+        x = np.repeat([1.0, 2, 3], 300)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    elif draw == "moons":
+        half = angle / 2
+        upper = np.stack([np.cos(half), np.sin(half)], 1)
+        x = np.where((np.arange(900) % 2)[:, None] > 0, upper, [1, 0.4] - upper)
+    else:
+        x = rng.normal(size=(900, 2))
+    x = x + rng.normal(0, 0.04, x.shape)
+    assert gr.cluster_points(x, backend="numpy").max() + 1 == count
