@@ -184,9 +184,10 @@ def denoise_points(found: PointDenoising) -> Any:
     Notes
     -----
     Points that are equal up to 1e-6 of the spacing are merged first, and move as one. If d is 2 or 3, outliers take no
-    part and stay where they are. Such are points whose mean distance to 8 neighbours is more than 3 times the median
-    around them, and, but for "positions", points whose height over a robust quadric through their 18 nearest others is
-    more than 5 times the deviation of such heights there, and more than half of that distance.
+    part and stay where they are. Such are points whose mean distance to 8 neighbours is more than 3 times (in the
+    plane 5 times) the median around them, and, but for "positions", points whose height over a robust quadric through
+    their 18 nearest others is more than 6 times the deviation of such heights there, and more than half of that
+    distance (in the plane all of it).
 
     "surface": the projectors n n^T of normals of planes through 19 points are averaged twice over 8 neighbours, by the
     energy of :func:`gpureg.regularize` with p = 2 and bilateral weights on a guide. Each point moves along its normal

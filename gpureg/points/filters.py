@@ -20,7 +20,7 @@ from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.cloud import Cloud
 from ..weights import Weights, bilateral, guided
-from .levels import POINTS, Bodies, around_each, bodies, opened, point_levels, row_medians, value_levels
+from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels, row_medians, value_levels
 from .normals import directions, fitted_points, planes_of, projectors, tilt
 from .surface import LEAST, OWN, fitted_surface
 
@@ -266,7 +266,7 @@ class Task:
                 differ = np.median(row_medians(apart, graph)[near], axis=1)
                 noise = np.minimum(differ, np.median(turned[near], axis=1))
                 # near creases normals differ because of the shape too
-                noise = np.sqrt(opened(noise**2, graph) * POINTS[d])
+                noise = np.sqrt(opened(noise**2, graph, ROUNDS[d]) * POINTS[d])
             lam = _where(noise > 0, lambda: _TO_NORMALS / noise**2)
         if _is_infinite(lam):
             return self._found(x, "normals", [], sigma=sigma, p=p, lam=lam, normals=found.normals, levels=levels)

@@ -14,13 +14,13 @@ from .normals import nearest, residual_variances
 # Neighbours whose median is the level at a point.
 _AROUND = 24
 # Rounds of the smallest, then of the largest level among neighbours: levels are high in a band around each corner and
-# jump of a function, which is narrower than that.
-_ROUNDS = 3
+# jump of a function, which is narrower than that; on curves and surfaces, and for values.
+ROUNDS, _OF_VALUES = {2: 6, 3: 4}, 3
 # Sweeps that average levels.
 _AVERAGED = 40
 # What the smallest levels among neighbours take off the variance of white noise: for points on curves and surfaces, and
 # for values. Measured on circles, spheres and planes; the standard deviation is then right within 5 %, 15 % for values.
-POINTS, _VALUES = {2: 1.13, 3: 1.26}, 1.45
+POINTS, _VALUES = {2: 1.18, 3: 1.34}, 1.45
 
 
 def around_each(points: FloatArray) -> IntArray:
@@ -87,12 +87,12 @@ def bodies(points: FloatArray, graph: Graph) -> Bodies:
     return Bodies(part, count, group_medians(distance, part, count)[part])
 
 
-def opened(level: FloatArray, graph: Graph) -> FloatArray:
+def opened(level: FloatArray, graph: Graph, rounds: int = _OF_VALUES) -> FloatArray:
     """Remove from levels (n,) what is high in a narrow band, and average the rest over neighbours."""
     starts = graph.indptr[:-1]
     some = np.diff(graph.indptr) > 0
     for least in (np.minimum, np.maximum):
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             found = level.copy()
             if some.any():
                 # rows without neighbours take no space between those with some
@@ -114,7 +114,7 @@ def point_levels(points: FloatArray, graph: Graph) -> FloatArray:
     if variances is None:
         return np.full(len(points), np.nan)
     median = np.median(variances[around_each(points)], axis=1)
-    level: FloatArray = np.sqrt(opened(median, graph) * POINTS[points.shape[1]])
+    level: FloatArray = np.sqrt(opened(median, graph, ROUNDS[points.shape[1]]) * POINTS[points.shape[1]])
     return level
 
 

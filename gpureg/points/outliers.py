@@ -10,11 +10,12 @@ from .quadrics import frames, in_pieces, solved, terms
 
 # Nearest other points that a point is compared with, and those whose mean distance tells how dense they lie.
 _AROUND, _DENSE = 18, 8
-# A point is alone if that mean distance is larger than this many times the median among its neighbours.
-_ALONE = 3.0
+# A point is alone if that mean distance is larger than this many times the median among its neighbours, on a curve and
+# on a surface: on a curve, random points have wider gaps.
+_ALONE = {2: 5.0, 3: 3.0}
 # A point is off the surface if its height over it is larger than this many deviations of the heights around it, and
-# than this part of the mean distance.
-_DEVIATIONS, _PART = 5.0, 0.5
+# than this part of the mean distance, on a curve and on a surface: a corner of a curve is off its parabola.
+_DEVIATIONS, _PART = 6.0, {2: 1.0, 3: 0.5}
 # Rounds of the robust fit: weights 1/(1 + (r/2s)^2) of residuals r with deviation s.
 _ROBUST = 3
 # The standard deviation of a normal distribution over its median absolute deviation.
@@ -27,7 +28,7 @@ def outliers(points: FloatArray, *, surface: bool = True) -> npt.NDArray[np.bool
     Parameters
     ----------
     points : (n, d) float array
-        With `surface` in the plane or in space.
+        In the plane or in space.
     surface : bool, default True
         Whether points off the curve or surface of their neighbours are outliers, or only those that lie alone.
     """
@@ -38,15 +39,16 @@ def outliers(points: FloatArray, *, surface: bool = True) -> npt.NDArray[np.bool
     if n < _AROUND + 2:
         return bad
     near, distance = _others(cKDTree(points), points, np.arange(n), np.arange(n))
+    gap, part = _ALONE[points.shape[1]], _PART[points.shape[1]]
     dense, height = distance[:, :_DENSE].mean(axis=1), np.zeros(n)
     if surface:
         height = np.abs(_heights(points, np.arange(n), near))
     for last in (False, True):
-        alone = dense > _ALONE * np.median(dense[near], axis=1)
+        alone = dense > gap * np.median(dense[near], axis=1)
         deviation = _MAD * np.median(height[near], axis=1)
         # 18 heights alone would raise false alarms
         deviation = np.maximum(deviation, np.median(deviation[near], axis=1))
-        off = (height > _DEVIATIONS * deviation) & (height > _PART * np.median(dense[near], axis=1))
+        off = (height > _DEVIATIONS * deviation) & (height > part * np.median(dense[near], axis=1))
         bad = alone | off
         good = np.flatnonzero(~bad)
         if last or not bad.any() or len(good) < _AROUND + 2:
