@@ -3,8 +3,8 @@ A scan without faces
 ====================
 
 A scanner gives points and no surface. :func:`gpureg.denoise_points` averages the normals of small neighbourhoods on the
-graph of nearest points, and moves the points along them to the quadrics that fit their neighbours; it has no parameters.
-No mesh is needed, and the sign of the normals does not matter.
+graph of nearest points, and moves the points along them to the quadrics that fit their neighbours. No parameter and no
+mesh is needed, and the sign of the normals does not matter.
 """
 
 import numpy as np

@@ -239,15 +239,22 @@ def _chosen(
 
     cosine = _products(normals, u, v)
     sign = np.where(np.abs(cosine) > _SAME, np.sign(cosine), 0)
-    told = []
-    for h in heights.T:
-        told.append(np.bincount(u, sign * h[u] * h[v], n))
-        told.append(np.bincount(u, np.abs(sign) * (h[u] ** 2 + h[v] ** 2) / 2, n))
-    told += [*(heights**2 * degree).T, *(growth * degree).T]
-    mean = averaged(np.stack(told, axis=1), _AVERAGED)
-    products, squares = mean[:, 0 : 2 * count : 2], mean[:, 1 : 2 * count : 2]
-    # heights that are all 0 are white
-    rho = np.divide(products, squares, out=np.zeros_like(products), where=squares > 0)
+    rho, variance = np.empty((n, count)), np.empty((n, count))
+    for i, h in enumerate(heights.T):
+        own, other = h[u], h[v]
+        told = np.stack(
+            [
+                np.bincount(u, sign * own * other, n),
+                np.bincount(u, np.abs(sign) * (own**2 + other**2) / 2, n),
+                h**2 * degree[:, 0],
+                growth[:, i] * degree[:, 0],
+            ],
+            axis=1,
+        )
+        products, squares, level, white_level = averaged(told, _AVERAGED).T
+        # heights that are all 0 are white
+        rho[:, i] = np.divide(products, squares, out=np.zeros(n), where=squares > 0)
+        variance[:, i] = level / np.maximum(white_level, np.finfo(float).tiny)
     white = (rho <= _WHITE) & (inside > 0)
     white[:, 0] = True
     best = np.logical_and.accumulate(white, axis=1).sum(axis=1) - 1
@@ -256,6 +263,5 @@ def _chosen(
     noise = averaged(np.clip(1 - (rho[:, :1] - _WHITE) / _SHAPE, 0, 1) * degree, _SHARED)[:, 0]
     noise /= averaged(degree, _SHARED)[:, 0]
     # the finest scales tell the noise, whichever others there are
-    variance = mean[:, 2 * count : 3 * count] / np.maximum(mean[:, 3 * count :], np.finfo(float).tiny)
     fine = np.where(best > 0, variance[:, min(1, count - 1)], variance[:, 0])
     return (share * heights).sum(axis=1) * noise, np.sqrt(fine) * noise

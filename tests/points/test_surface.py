@@ -163,6 +163,41 @@ def test_normals_go_along():
         assert np.array_equal(gr.denoise_points(few, **ON).point_data["Normals"], old[:3])
 
 
+def test_normals_and_covariances_of_open3d():
+    """With a stand-in that has what Open3D's clouds have: normals are new, covariances are left out and named."""
+
+    class Cloud:
+        def __init__(self, other=None):
+            self.points, self.normals, self.covariances = (
+                np.array(getattr(other, name, np.zeros((0, 3)))) for name in ("points", "normals", "covariances")
+            )
+
+        def has_points(self):
+            return len(self.points) > 0
+
+        def has_normals(self):
+            return len(self.normals) == len(self.points)
+
+        def has_covariances(self):
+            return len(self.covariances) == len(self.points)
+
+    given = Cloud()
+    given.points, given.normals = List(BALL + NOISE), List(-BALL)
+    found = gr.denoise_points(given, **ON)
+    assert type(found.points) is List and np.array_equal(found.points, gr.denoise_points(BALL + NOISE, **ON))
+    assert (-(np.asarray(found.normals) * BALL).sum(axis=1)).min() > 0.9
+    given.covariances = List(np.ones((2000, 3, 3)))
+    with pytest.warns(UserWarning, match="the covariances of the points are left out: the points moved"):
+        assert len(gr.denoise_points(given, **ON).covariances) == 0
+
+
+class List(np.ndarray):
+    """A vector of Open3D, which is made from an array, or empty."""
+
+    def __new__(cls, values=()):
+        return np.asarray(values, float).view(cls)
+
+
 def test_a_cube_keeps_its_edges_better():
     """On the edges too no more noise is left than by normals."""
     cube = trimesh.creation.box((1, 1, 1))
