@@ -177,7 +177,7 @@ def clouds(quick: bool) -> Iterator[str]:
     """Distance of points to the clean surface, as a share of that of the noise, without any face."""
     from scipy.spatial import cKDTree
 
-    yield table("points", "gpureg normals", "gpureg positions", "mean of 9", "seconds")
+    yield table("points", "gpureg surface", "gpureg positions", "mean of 9", "seconds")
     for name, (noise, *_) in list(PAIRS.items())[: 1 if quick else 4]:
         paths = data("meshes", f"{name}_original.ply"), data("meshes", f"{name}_{noise}.ply")
         if None in paths:
@@ -190,10 +190,10 @@ def clouds(quick: bool) -> Iterator[str]:
             after, before = (gr.metrics.distance_to_surface(p, truth) for p in (points, x))
             return float(np.sqrt((after**2).mean() / (before**2).mean()))
 
-        by_normals, seconds = timed(lambda x=x: gr.denoise_points(x))
+        by_surface, seconds = timed(lambda x=x: gr.denoise_points(x))
         near = x[cKDTree(x).query(x, 9, workers=-1)[1]].mean(axis=1)
         by_positions = gr.denoise_points(x, filter="positions")
-        yield row(name, *(f"{left(points):.2f}" for points in (by_normals, by_positions, near)), f"{seconds:.2f}")
+        yield row(name, *(f"{left(points):.2f}" for points in (by_surface, by_positions, near)), f"{seconds:.2f}")
 
 
 def clusters(quick: bool) -> Iterator[str]:

@@ -35,8 +35,10 @@ from .noise.photon import PhotonNoise, estimate_photon_noise
 from .noise.report import NoiseReport, describe_noise
 from .noise.white import estimate_noise
 from .points.cluster import cluster_points
-from .points.denoise import denoise_points, estimate_point_noise
-from .points.files import PointsError, PointsFile, read_points, write_points
+from .points.contents import PointsError, PointsFile
+from .points.denoise import denoise_points
+from .points.files import read_points, write_points
+from .points.noise import estimate_point_noise
 from .points.patches import patch_knn_graph, point_patches
 from .regions.graph import RegionGraph, region_graph
 from .regions.partition import energy_partition

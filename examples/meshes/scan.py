@@ -2,9 +2,9 @@
 A scan without faces
 ====================
 
-A scanner gives points and no surface. :func:`gpureg.denoise_points` finds the normals of small neighbourhoods,
-regularizes them on the graph of nearest points, and moves the points to fit; the noise is estimated. No mesh is needed,
-and the sign of the normals does not matter.
+A scanner gives points and no surface. :func:`gpureg.denoise_points` averages the normals of small neighbourhoods on the
+graph of nearest points, and moves the points along them to the quadrics that fit their neighbours. No parameter and no
+mesh is needed, and the sign of the normals does not matter.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def scan_and_clean(shape):
     print(f"noise of 0.02, estimated {gr.estimate_point_noise(scan):.3f}")
     clouds = {
         "scan": scan,
-        "normals": gr.denoise_points(scan),
+        "surface": gr.denoise_points(scan),
         "positions": gr.denoise_points(scan, filter="positions"),
     }
     far = {name: gr.metrics.distance_to_surface(cloud, shape) for name, cloud in clouds.items()}
@@ -40,7 +40,7 @@ figure = scan_and_clean(trimesh.creation.torus(1.0, 0.4, major_sections=128, min
 figure
 
 # %%
-# A box. ``filter="positions"`` rounds the edges of the box; with ``filter="normals"`` the normals can jump there.
+# A box. ``filter="positions"`` rounds the edges of the box; ``filter="surface"``, the default, keeps them.
 
 figure = scan_and_clean(trimesh.creation.box((2, 1.4, 1)))
 figure

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ..jobs.batch import expand, is_pattern
 from ..jobs.options import WEIGHTS
-from ..jobs.points import PointsSettings, points_file
+from ..jobs.points import PointsSettings, points_file, points_files
 from ..model.problem import NORMS
 from ..points.filters import POINT_FILTERS
 from . import options
@@ -32,13 +34,13 @@ def _names(text: str) -> tuple[str, ...]:
     ),
     short_help="Denoise or cluster a point cloud.",
 )
-@click.argument("source", metavar="IN", type=FILE)
-@click.argument("target", metavar="OUT", type=FILE)
+@click.argument("paths", metavar="IN... OUT", nargs=-1)
 @click.option(
     "--filter",
     type=click.Choice(POINT_FILTERS),
     help="normals: regularize the normals of neighbourhoods and fit the points to them, which keeps creases. "
-    "positions: regularize the points.  [default: normals for 2D and 3D points]",
+    "positions: regularize the points. surface: for 3D points, without parameters.  [default: surface; normals for 2D "
+    "points and if another option is given]",
 )
 @click.option("--values", metavar="NAME", help="Denoise these values at the points instead: colours, or a column.")
 @click.option("--columns", type=_names, metavar="NAMES", help="Coordinate columns of a CSV.  [default: x,y,z or all]")
@@ -78,20 +80,33 @@ def _names(text: str) -> tuple[str, ...]:
 @options.quiet
 @options.progress
 def points(
-    source: Path,
-    target: Path,
+    paths: tuple[str, ...],
     as_json: bool,
     quiet: bool,
     progress: bool | None,
     **given: Any,
 ) -> None:
-    """Denoise the points IN, or cluster them, and write them to OUT.
+    """Denoise the points IN, or cluster them, and write them to OUT; or several, or a pattern, to the folder OUT.
 
-    The extension gives the format: PLY, XYZ, CSV (also .csv.gz) or NPZ. Other columns of the file are copied. By
-    default the noise is estimated and creases are preserved. All files are written, or none; OUT may be IN.
+    The extension gives the format: PLY, PCD, XYZ, CSV (also .csv.gz) or NPZ. Other columns of the file are copied;
+    normals are computed again. By default the noise is estimated and creases are preserved. OUT may be IN; nothing is
+    written if a file fails.
     """
+    if len(paths) < 2:
+        raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where to write {paths[0]}?")
+    *names, out = paths
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"
 
-    report = sentences(lambda: points_file(source, target, PointsSettings(**given), progress=show))
-    tell(report, as_json, quiet)
+    settings = PointsSettings(**given)
+    if len(names) == 1 and not is_pattern(names[0]) and not os.path.isdir(out):
+        tell(sentences(lambda: points_file(Path(names[0]), Path(out), settings, progress=show)), as_json, quiet)
+        return
+    outcome = sentences(lambda: points_files(expand(names), Path(out), settings, progress=show))
+    if outcome.failed:
+        click.echo(f"gpureg: {outcome.failures()}", err=True)
+    if outcome.interrupted:
+        click.echo(f"gpureg: interrupted, {len(outcome.done)} of {outcome.count} files were done", err=True)
+        raise click.exceptions.Exit(130)
+    tell(outcome, as_json, quiet)
+    raise click.exceptions.Exit(1 if outcome.failed else 0)

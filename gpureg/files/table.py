@@ -32,6 +32,10 @@ class Table:
         The separator of two numbers.
     whole : (c,) bool array
         Whether all numbers of a column were written as integers.
+    comments : tuple of str
+        The lines that are comments, in order.
+    behind : int
+        Number of lines with a comment behind their numbers.
     """
 
     rows: FloatArray
@@ -39,6 +43,8 @@ class Table:
     blocks: npt.NDArray[np.int64]
     delimiter: str
     whole: npt.NDArray[np.bool_]
+    comments: tuple[str, ...] = ()
+    behind: int = 0
 
 
 def read_text(path: str | os.PathLike[str], error: type[PictureError] = PictureError) -> str:
@@ -103,7 +109,9 @@ def read_table(path: str | os.PathLike[str], error: type[PictureError] = Picture
     # the number of blank lines above each line; comments are not blank
     above = np.cumsum([not line.strip() for line in raw])[at]
     blocks = np.cumsum(np.diff(above, prepend=above[0]) > 0, dtype=np.int64)
-    return Table(rows, names, blocks, delimiter, whole)
+    comments = tuple(line.strip() for line in raw if line.lstrip().startswith("#")) if bare is not raw else ()
+    behind = sum("#" in line for line in raw) - len(comments) if bare is not raw else 0
+    return Table(rows, names, blocks, delimiter, whole, comments, behind)
 
 
 def _words(line: str, delimiter: str) -> list[str]:

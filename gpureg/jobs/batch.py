@@ -111,11 +111,31 @@ def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> lis
     PictureError, ValueError
         `folder` is a file or has no parent, two files have the same name, or an output would overwrite an input.
     """
+    read = [path for source in sources for path in beside_of(source, settings)]
+    return targets_of(folder, sources, read, tuple(FORMATS), "a picture")
+
+
+def targets_of(
+    folder: Path, sources: Sequence[Path], read: Sequence[Path], extensions: tuple[str, ...], kind: str
+) -> list[Path]:
+    """List the files to write as :func:`targets_in` does.
+
+    Parameters
+    ----------
+    folder : Path
+    sources : sequence of Path
+    read : sequence of Path
+        Other files that are read.
+    extensions : tuple of str
+        Names that end like this are no names of folders.
+    kind : str
+        What a file with such a name is, in words.
+    """
     is_there = os.path.exists(folder)
     if is_there and not folder.is_dir():
         raise ValueError(f"{folder} is a file; several inputs, or a pattern, need a folder as OUT")
-    if not is_there and folder.suffix.lower() in FORMATS:
-        raise ValueError(f"{folder} is named like a picture; several inputs, or a pattern, need a folder as OUT")
+    if not is_there and folder.name.lower().endswith(extensions):
+        raise ValueError(f"{folder} is named like {kind}; several inputs, or a pattern, need a folder as OUT")
     if not is_there and not os.path.isdir(folder.parent):
         raise PictureError(f"{folder} cannot be created: the folder {folder.parent} does not exist")
     owner: dict[str, Path] = {}
@@ -127,8 +147,7 @@ def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> lis
             )
         owner[name] = source
     targets = [folder / source.name for source in sources]
-    read = [*sources, *(path for source in sources for path in beside_of(source, settings))]
-    known = {_identity(path): path for path in read if os.path.exists(path)}
+    known = {_identity(path): path for path in (*sources, *read) if os.path.exists(path)}
     for target in targets:
         if os.path.exists(target) and (path := known.get(_identity(target))):
             raise ValueError(f"{target} would overwrite {path}, which is read; give another folder")

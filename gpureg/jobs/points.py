@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,9 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..points.cluster import cluster_points
+from ..points.contents import PointsError, PointsFile
 from ..points.denoise import denoised
-from ..points.files import PointsError, PointsFile, encode_points, point_format, read_points
-from ..points.filters import PointFilter
+from ..points.files import POINT_FORMATS, encode_points, lost_in, point_format, read_all, read_points
+from ..points.filters import PointDenoising, PointFilter
+from ..points.renewed import renewed_normals
+from .batch import targets_of
+from .many import ManyFiles, each_file
 from .options import ViewedSettings
 from .outputs import Outputs
 from .points_report import ClusteringReport, PointDenoisingReport, PointErrors
@@ -86,14 +91,61 @@ def points_file(
     outputs = Outputs(source, settings.reference)
     outputs.expect("OUT", target)
     outputs.expect_picture(settings.picture, PointsError)
-    given = read_points(source, columns=settings.columns)
+    whole = read_all(source, settings.columns)
+    finite: npt.NDArray[np.bool_] = np.asarray(np.isfinite(whole.points).all(axis=1))
+    if not finite.any():
+        raise PointsError(f"{source} has no point that is finite")
+    given = whole if finite.all() else _part(whole, finite)
     work = _clustered if settings.clusters else _denoised
     points, columns, colours, report = work(given, source, target, settings, progress)
-    outputs.put(target, encode_points(target, points, dict(given.columns) | columns, like=given))
+    drawn = points
+    notes = [f"{name} not kept" for name in lost_in(target, whole)]
+    if not finite.all():
+        points, columns = _put_back(whole, finite, points, columns)
+        notes.append(f"{int((~finite).sum())} points are not finite; they took no part and stay as they are")
+    outputs.put(target, encode_points(target, points, dict(whole.columns) | columns, like=whole))
     if settings.picture is not None:
-        outputs.draw(settings.picture, _drawn(given.points, points, colours, settings, report))
+        outputs.draw(settings.picture, _drawn(given.points, drawn, colours, settings, report))
     outputs.write()
-    return report
+    return replace(report, notes=(*report.notes, *notes))
+
+
+def points_files(
+    sources: Sequence[Path], folder: Path, settings: PointsSettings, *, progress: bool = False
+) -> ManyFiles:
+    """Denoise or cluster files of points into a folder, which is created if it does not exist.
+
+    Raises
+    ------
+    PictureError, ValueError
+        The options are wrong for all files; raised before any work.
+    """
+    settings.check()
+    if settings.picture is not None:
+        raise ValueError("--picture is for one file: leave it out")
+    read = [] if settings.reference is None else [settings.reference]
+    targets = targets_of(folder, sources, read, POINT_FORMATS, "a file of points")
+    return each_file(sources, targets, folder, lambda a, b: points_file(a, b, settings), progress=progress)
+
+
+def _part(whole: PointsFile, rows: npt.NDArray[np.bool_]) -> PointsFile:
+    columns = {name: values[rows] for name, values in whole.columns.items()}
+    return replace(whole, points=whole.points[rows], columns=columns)
+
+
+def _put_back(
+    whole: PointsFile, rows: npt.NDArray[np.bool_], points: npt.NDArray[Any], columns: dict[str, npt.NDArray[Any]]
+) -> tuple[npt.NDArray[Any], dict[str, npt.NDArray[Any]]]:
+    """Return all points, and the columns that changed; a cluster is -1 where there is none."""
+    every = whole.points.copy()
+    every[rows] = points
+    changed = {}
+    for name, values in columns.items():
+        old = whole.columns.get(name)
+        new = np.full((len(rows), *values.shape[1:]), -1, values.dtype) if old is None else old.astype(values.dtype)
+        new[rows] = values
+        changed[name] = new
+    return every, changed
 
 
 # The points, the new columns, the values for the colours before and after, and the report.
@@ -110,7 +162,10 @@ def _denoised(given: PointsFile, source: Path, target: Path, settings: PointsSet
     values = None if settings.values is None else _values(given, settings.values, source)
     told = settings.model("filter", "update_neighbours", "sigma", "max_displacement")
     found = denoised(given.points, values=values, progress=progress, **told)
-    columns, colours = {}, None
+    columns: dict[str, npt.NDArray[Any]] = {}
+    colours, notes = None, list[str]()
+    if found.moves and given.normals:
+        columns, notes = _normals(given, found)
     if values is not None and settings.values is not None:
         columns = _named(given, settings.values, found.value)
         colours = None if found.value.ndim > 1 else [np.asarray(values, float), found.value]
@@ -126,8 +181,22 @@ def _denoised(given: PointsFile, source: Path, target: Path, settings: PointsSet
         picture=settings.picture,
         found=found,
         errors=errors,
+        notes=tuple(notes),
     )
     return found.points, columns, colours, report
+
+
+def _normals(given: PointsFile, found: PointDenoising) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
+    """Compute the normals in a file again, as its columns; and say so."""
+    names = given.normals
+    old = [np.asarray(given.columns[name]) for name in names]
+    new = renewed_normals(found, np.stack(old, axis=1) if len(names) > 1 else old[0].astype(np.float64))
+    if new is None:
+        told = f"the normals {', '.join(names)} are 0 now: the points moved, and are too few for new ones"
+        return {name: np.zeros_like(values) for name, values in zip(names, old, strict=True)}, [told]
+    parts = new.T if len(names) > 1 else [new]
+    columns = {name: part.astype(values.dtype) for name, part, values in zip(names, parts, old, strict=True)}
+    return columns, [f"the normals {', '.join(names)} are computed again for the moved points, on their old side"]
 
 
 def _clustered(given: PointsFile, source: Path, target: Path, settings: PointsSettings, progress: bool) -> _Done:

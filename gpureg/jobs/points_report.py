@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray
-from ..points.files import PointsFile
+from ..points.contents import PointsFile
 from ..points.filters import PointDenoising
 from .report import Change, Displacement, ShapeReport, noise_line, number
 
@@ -73,7 +73,29 @@ def _mean(distance: Callable[[FloatArray], FloatArray], before: FloatArray, afte
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PointDenoisingReport(ShapeReport):
+class _PointsReport(ShapeReport):
+    """The report on a file of points.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What the file held that was changed or not kept, in sentences.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as a dictionary for JSON."""
+        return super().as_json() | {"notes": list(self.notes)}
+
+    def lines(self) -> list[str]:
+        """Return the report as lines of text."""
+        *lines, last = super().lines()
+        return [*lines, *(f"note     {note}" for note in self.notes), last]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointDenoisingReport(_PointsReport):
     """The report on denoised points.
 
     Attributes
@@ -97,8 +119,11 @@ class PointDenoisingReport(ShapeReport):
             "p": found.p,
             "lam": number(found.lam) if isinstance(found.lam, float) else "map",
             "neighbours": found.k,
-            "sigma": found.sigma,
+            "sigma": number(found.sigma),
             "sigma_estimated": found.estimated,
+            "noise_unknown": found.unknown,
+            "outliers": int(found.outliers.sum()),
+            "repeated": found.repeated,
         }
         if found.moves:
             report["displacement"] = Displacement.of(found.displacement).as_json()
@@ -107,11 +132,15 @@ class PointDenoisingReport(ShapeReport):
 
     def _noise(self) -> list[str]:
         found = self.found
+        if np.isnan(found.sigma):
+            return ["noise    sigma cannot be told from so few points"]
         share = f", {found.sigma / found.spacing:.2g} of the spacing" if found.moves and found.spacing else ""
         return [noise_line(found.sigma, share, found.estimated)]
 
     def _found(self) -> list[str]:
-        lines = []
+        lines = [f"left out {sentence}" for sentence in self.found.warnings()]
+        if self.found.repeated:
+            lines.append(f"repeated {self.found.repeated} points repeat others; they were merged, and put back after")
         if self.found.moves:
             moved = Displacement.of(self.found.displacement)
             lines.append(f"quality  displacement {moved.mean:.3g} on average, {moved.largest:.3g} at most")
@@ -122,7 +151,7 @@ class PointDenoisingReport(ShapeReport):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ClusteringReport(ShapeReport):
+class ClusteringReport(_PointsReport):
     """The report on clustered points.
 
     Attributes

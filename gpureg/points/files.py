@@ -1,61 +1,28 @@
-"""Read and write point clouds: PLY, XYZ, CSV (also packed by gzip) and NPZ."""
+"""Read and write point clouds: PLY, PCD, XYZ, CSV (also packed by gzip) and NPZ."""
 
 from __future__ import annotations
 
 import io
 import os
-import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
 from ..doors import door
-from ..files.pictures import PictureError, check_place, write_atomically
+from ..files.pictures import check_place, write_atomically
 from ..files.table import encode_table, read_table
+from .contents import PointsError, PointsFile
+from .pcd import of_pcd, pcd
+from .ply import of_ply, ply
 
-POINT_FORMATS = (".ply", ".xyz", ".csv", ".csv.gz", ".npz")
+POINT_FORMATS = (".ply", ".pcd", ".xyz", ".csv", ".csv.gz", ".npz")
 
 # Columns that are a class and not a coordinate, if the header does not name coordinates x, y, z.
 _CLASSES = ("label", "labels", "class", "cluster", "target")
-_PLY_TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"}
-_PLY_TYPES |= {"f4": "float", "f8": "double"}
-
-
-class PointsError(PictureError):
-    """A point cloud cannot be read or written; the message gives the file and the reason."""
-
-
-@dataclass(frozen=True, eq=False)
-class PointsFile:
-    """The contents of a file of points, from :func:`read_points`.
-
-    Attributes
-    ----------
-    points : (n, d) float64 array
-    dtype : numpy.dtype
-        The type of the coordinates in the file: float32 or float64, the latter for text.
-    columns : dict
-        The other data of the points by name, (n,) or (n, m) arrays: colours, labels, intensities.
-    faces : (F, 3) array or None
-        The triangles of a PLY file that is a mesh.
-    names : tuple of str or None
-        The names of the coordinates in the file; None if they have no names.
-    delimiter : str
-        The delimiter between numbers in text.
-    """
-
-    points: FloatArray
-    dtype: np.dtype[Any]
-    columns: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    faces: npt.NDArray[Any] | None = None
-    names: tuple[str, ...] | None = None
-    delimiter: str = ","
 
 
 def point_format(path: str | os.PathLike[str]) -> str:
@@ -74,8 +41,8 @@ def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None
     Parameters
     ----------
     path : path
-        .ply, .xyz (text, three coordinates first), .csv, .csv.gz, or .npz (an array ``points``, or the only one with
-        two axes).
+        .ply, .pcd (not compressed), .xyz (text, three coordinates first), .csv, .csv.gz, or .npz (an array ``points``,
+        or the only one with two axes).
     columns : tuple of str, optional
         Names of the columns that are coordinates, for text with a header. None: x, y and z if present, otherwise all
         columns except those called label, labels, class, cluster or target.
@@ -85,14 +52,19 @@ def read_points(path: str | os.PathLike[str], *, columns: tuple[str, ...] | None
     PointsError
         The file is missing, cannot be read, is truncated or has another format; a column does not exist.
     """
-    kind = point_format(path)
-    if columns is not None and kind not in (".csv", ".csv.gz", ".xyz"):
-        raise PointsError(f"{path}: columns are chosen in text; a {kind} file says by itself which are coordinates")
-    found = _READERS[kind](path, columns)
+    found = read_all(path, columns)
     if not np.isfinite(found.points).all():
         row = int(np.flatnonzero(~np.isfinite(found.points).all(axis=1))[0])
         raise PointsError(f"{path}: point {row} is not finite; take such points out first")
     return found
+
+
+def read_all(path: str | os.PathLike[str], columns: tuple[str, ...] | None = None) -> PointsFile:
+    """Read points as :func:`read_points` does, also those that are not finite."""
+    kind = point_format(path)
+    if columns is not None and kind not in (".csv", ".csv.gz", ".xyz"):
+        raise PointsError(f"{path}: columns are chosen in text; a {kind} file says by itself which are coordinates")
+    return _READERS[kind](path, columns)
 
 
 def _of_text(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> PointsFile:
@@ -114,8 +86,9 @@ def _of_text(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> P
     }
     called = None if names is None else tuple(names[k] for k in chosen)
     return PointsFile(
-        np.ascontiguousarray(table.rows[:, chosen]), np.dtype(np.float64), told, None, called, table.delimiter
-    )
+        np.ascontiguousarray(table.rows[:, chosen]), np.dtype(np.float64), told, None, called, table.delimiter,
+        comments=table.comments, lost=("comments behind numbers",) if table.behind else (),
+    )  # fmt: skip
 
 
 def _coordinates(path: str | os.PathLike[str], names: tuple[str, ...], columns: tuple[str, ...] | None) -> list[int]:
@@ -152,43 +125,11 @@ def _of_npz(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> Po
     given = arrays.pop(name)
     dtype = np.dtype(np.float32 if given.dtype.itemsize <= 4 and given.dtype.kind == "f" else np.float64)
     told = {key: array for key, array in arrays.items() if array.shape[:1] == (len(given),)}
-    return PointsFile(given.astype(np.float64), dtype, told, None, (name,))
+    others = {key: array for key, array in arrays.items() if key not in told}
+    return PointsFile(given.astype(np.float64), dtype, told, None, (name,), others=others)
 
 
-def _of_ply(path: str | os.PathLike[str], columns: tuple[str, ...] | None) -> PointsFile:
-    import trimesh
-
-    try:
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise PointsError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise PointsError(f"{path} is a folder, not a file") from None
-    except OSError as error:
-        raise PointsError(f"{path} cannot be read: {error.strerror}") from None
-    if not data.strip():
-        raise PointsError(f"{path} is empty")
-    try:
-        loaded = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
-        raw = loaded.metadata["_ply_raw"]["vertex"]
-        kinds, table, count = raw["properties"], raw["data"], raw["length"]
-        values = {name: np.array(table[name]).reshape(-1) for name, kind in kinds.items() if "," not in kind}
-        points = np.stack([values.pop(axis) for axis in "xyz"], axis=1)
-    except MemoryError:
-        raise
-    except Exception as error:  # the parser of trimesh raises many types of errors
-        raise PointsError(f"{path} is damaged, truncated or no PLY file with points x, y, z") from error
-    if len(points) != count or not count:
-        raise PointsError(f"{path} is truncated or empty: it announces {count} points, and has {len(points)}")
-    dtype = np.dtype(np.float32 if "f4" in kinds["x"] else np.float64)
-    told = {name: column.astype(column.dtype.newbyteorder("=")) for name, column in values.items()}
-    faces = getattr(loaded, "faces", None)
-    return PointsFile(
-        points.astype(np.float64), dtype, told, None if faces is None or not len(faces) else np.asarray(faces)
-    )
-
-
-_READERS = {".ply": _of_ply, ".xyz": _of_text, ".csv": _of_text, ".csv.gz": _of_text, ".npz": _of_npz}
+_READERS = {".ply": of_ply, ".pcd": of_pcd, ".xyz": _of_text, ".csv": _of_text, ".csv.gz": _of_text, ".npz": _of_npz}
 
 
 @door
@@ -204,14 +145,15 @@ def write_points(
     Parameters
     ----------
     path : path
-        A name that ends in .ply, .xyz, .csv, .csv.gz or .npz. An existing file is replaced when the new one is
+        A name that ends in .ply, .pcd, .xyz, .csv, .csv.gz or .npz. An existing file is replaced when the new one is
         complete.
     points : (n, d) array
-        PLY and XYZ need three coordinates.
+        PLY, PCD and XYZ need three coordinates.
     columns : mapping of str to (n,) arrays, optional
         Numbers at the points. NPZ takes arrays with any number of axes.
     like : PointsFile, optional
-        The source of the points: its type of coordinates (PLY, NPZ), header and delimiter (text) are used.
+        The source of the points: its type of coordinates (PLY, PCD, NPZ), triangles (PLY), comments, arrays that do
+        not belong to points (NPZ), header and delimiter (text) are used.
 
     Raises
     ------
@@ -258,13 +200,16 @@ def encode_points(
     if kind == ".npz":
         file = io.BytesIO()
         own = like.names[0] if like is not None and like.names is not None and len(like.names) == 1 else "points"
-        arrays: dict[str, Any] = {own: x} | told
+        arrays: dict[str, Any] = (like.others if like is not None else {}) | {own: x} | told
         np.savez_compressed(file, **arrays)
         return file.getvalue()
-    if kind in (".ply", ".xyz") and x.shape[1] != 3:
+    if kind in (".ply", ".pcd", ".xyz") and x.shape[1] != 3:
         raise PointsError(f"a {kind} file needs points with three coordinates, got {x.shape[1]}: use .csv or .npz")
+    comments = _comments(kind, like)
     if kind == ".ply":
-        return _ply(x, told, None if like is None else like.faces)
+        return ply(x, told, None if like is None else like.faces, comments)
+    if kind == ".pcd":
+        return pcd(x, told, comments)
     return _text(kind, x, told, like)
 
 
@@ -275,7 +220,8 @@ def _text(kind: str, x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], lik
     bare = kind == ".xyz" or (like is not None and like.names is None and not whole.keys() - like.columns.keys())
     delimiter = " " if kind == ".xyz" else like.delimiter.replace(" ", ",") if like is not None else ","
     names = None if bare else [*(axes or ()), *whole]
-    encoded = encode_table([*x.T, *whole.values()], names, delimiter)
+    lines = "".join(f"{line}\n" for line in _comments(kind, like))
+    encoded = lines.encode() + encode_table([*x.T, *whole.values()], names, delimiter)
     if kind == ".csv.gz":
         import gzip
 
@@ -284,32 +230,40 @@ def _text(kind: str, x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], lik
     return encoded
 
 
+# How a line of comments begins.
+_SIGNS = {".ply": ("comment ", "obj_info "), ".pcd": ("# ",), ".npz": ()}
+
+
+def _comments(kind: str, like: PointsFile | None) -> tuple[str, ...]:
+    """Return the comments of the source as lines of another format; what a PCD's viewpoint is only a PCD can say."""
+    signs = _SIGNS.get(kind, ("# ",))
+    if like is None or not signs:
+        return ()
+    told = []
+    for line in like.comments:
+        if line.startswith("VIEWPOINT"):
+            told += [line] if kind == ".pcd" else []
+            continue
+        bare = line.removeprefix("comment ").removeprefix("#").strip()
+        told.append(line if line.startswith(signs) else f"{signs[0]}{bare}")
+    return tuple(told)
+
+
+def lost_in(path: str | os.PathLike[str], like: PointsFile) -> list[str]:
+    """Name what a file of points held that a file with the name `path` does not, in words."""
+    kind = point_format(path)
+    lost = list(like.lost)
+    if like.comments and not _SIGNS.get(kind, ("# ",)):
+        lost.append(f"{len(like.comments)} lines of comments")
+    if like.faces is not None and kind != ".ply":
+        lost.append(f"{len(like.faces)} triangles")
+    if like.others and kind != ".npz":
+        lost += [f"the array {name!r}" for name in like.others]
+    named = [name for name in like.columns if not name.startswith("column_")]
+    if kind == ".xyz" and named:
+        lost.append(f"the names of the columns {', '.join(named)}")
+    return lost
+
+
 def _axes(d: int) -> tuple[str, ...]:
     return tuple("xyz"[:d]) if d <= 3 else tuple(f"x{k + 1}" for k in range(d))
-
-
-def _ply(x: npt.NDArray[Any], told: dict[str, npt.NDArray[Any]], faces: npt.NDArray[Any] | None) -> bytes:
-    columns = {axis: x[:, k] for k, axis in enumerate("xyz")} | told
-    kept = {}
-    for name, values in columns.items():
-        if not re.fullmatch(r"[!-~]+", name):
-            raise PointsError(f"the name of a PLY's property must be one word, got {name!r}")
-        short = values.dtype.str[1:]
-        if values.dtype.kind in "iu" and short not in _PLY_TYPES:
-            narrow = values.astype(np.int32)
-            values = narrow if np.array_equal(narrow, values) else values.astype(np.float64)
-        elif short not in _PLY_TYPES:
-            values = values.astype(np.uint8 if values.dtype.kind == "b" else np.float64)
-        kept[name] = values
-    rows = np.empty(len(x), [(name, f"<{values.dtype.str[1:]}") for name, values in kept.items()])
-    for name, values in kept.items():
-        rows[name] = values
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [f"property {_PLY_TYPES[values.dtype.str[1:]]} {name}" for name, values in kept.items()]
-    body = rows.tobytes()
-    if faces is not None:
-        corners = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-        corners["count"], corners["corners"] = 3, faces
-        header += [f"element face {len(corners)}", "property list uchar int vertex_indices"]
-        body += corners.tobytes()
-    return "\n".join([*header, "end_header\n"]).encode() + body

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
 from ..graphs.of_points import knn_graph
 from ..model.result import Result
-from ..noise.fidelity import fidelity_to_normals, fidelity_to_values
-from ..noise.graphs import noise_on_graph
 from ..regularization.denoised import Denoised
 from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.cloud import Cloud
 from ..weights import Weights, bilateral, guided
-from .normals import directions, fitted_points, nearest, noise_along_normals, planes, projectors, spacing_of, tilt
+from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels, row_medians, value_levels
+from .normals import directions, fitted_points, planes_of, projectors, tilt
+from .surface import LEAST, OWN, fitted_surface
 
-PointFilter = Literal["normals", "positions"]
+PointFilter = Literal["surface", "normals", "positions"]
 POINT_FILTERS: tuple[PointFilter, ...] = get_args(PointFilter)
 
 # Neighbours in the graph.
@@ -36,6 +37,8 @@ _REACH = 0.35
 _FIT = 5
 # Default bound on the displacement, in standard deviations of the noise.
 MOST_MOVED = 3.0
+# The default fidelity to normals is this over the square of their noise.
+_TO_NORMALS = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,18 +47,27 @@ class PointDenoising(Denoised[float]):
 
     Attributes
     ----------
-    filter : {"normals", "positions", "values"}
+    filter : {"surface", "normals", "positions", "values"}
+    sigma : float
+        The given noise, or the root mean square of `levels`; NaN if it cannot be told.
     cloud : Cloud
         The input points.
     k : int
         Neighbours that each point chose in the graph.
     spacing : float
-        Median distance from a point to its nearest neighbour in the input.
+        Median distance from a point to its nearest neighbour in the input, copies left out.
     normals : (n, d) float array or None
-        The regularized unit normals, of either orientation; None with another filter.
+        The regularized unit normals, of either orientation, 0 for outliers; None with the filters of other functions.
+    levels : (n,) float array or None
+        The estimated noise around each point; NaN where it cannot be told, and for outliers. None if sigma was given.
+    outliers : (n,) bool array
+        Points that lie alone, or off the surface of their neighbours: they took no part, and are where they were.
+    repeated : int
+        Number of points that repeat others and were merged with them while the points were denoised.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {
+        "surface": "quadrics through 8 to 160 neighbours, a scale for each point, along averaged normals",
         "normals": "normals of the neighbourhoods, points moved to fit them",
         "positions": "positions of the points",
         "values": "values at the points",
@@ -65,11 +77,40 @@ class PointDenoising(Denoised[float]):
     k: int
     spacing: float
     normals: FloatArray | None = None
+    levels: FloatArray | None = None
+    outliers: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    repeated: int = 0
 
     @property
     def points(self) -> FloatArray:
         """Positions of the points after denoising, (n, d)."""
         return self.value if self.moves else self.cloud.points
+
+    @property
+    def unknown(self) -> int:
+        """Number of points, other than outliers, where the noise cannot be told."""
+        return 0 if self.levels is None else int((np.isnan(self.levels) & ~self.outliers).sum())
+
+    def warnings(self) -> list[str]:
+        """Say in sentences which points were left as they were, and why."""
+        told, n = [], len(self.cloud.points)
+        if self.outliers.any():
+            told.append(
+                f"{int(self.outliers.sum())} of {n} points are outliers, alone or off the surface of their neighbours: "
+                "they took no part and stay where they are"
+            )
+        if self.unknown:
+            told.append(
+                f"the noise of {self.unknown} of {n} points cannot be told, they have too few neighbours: they stay as "
+                "they are; sigma= says it"
+            )
+        return told
+
+    def describe(self) -> str:
+        """Describe the filter and its parameters in one line."""
+        if np.isnan(self.sigma):
+            return f"{self.WHAT[self.filter]}: the noise cannot be told from so few points"
+        return super().describe()
 
     def _parameters(self) -> str:
         return f"{self.k} neighbours, {super()._parameters()}"
@@ -77,14 +118,16 @@ class PointDenoising(Denoised[float]):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Centred points, and the settings of the filter.
+    """Points that take part, and the settings of the filter.
 
     Attributes
     ----------
     cloud : Cloud
         The input points.
     points : (n, d) float array
-        The same points, centred.
+        The points without repetitions and outliers, centred.
+    spacing : float
+        The median distance to the nearest of them.
     pinned : (n,) bool array
         Points whose position or value does not change.
     k : int
@@ -99,6 +142,7 @@ class Task:
 
     cloud: Cloud
     points: FloatArray
+    spacing: float
     pinned: npt.NDArray[np.bool_]
     k: int
     update_neighbours: int | None
@@ -109,28 +153,55 @@ class Task:
     max_iter: int | None
     options: Model
 
+    @cached_property
+    def graph(self) -> Graph:
+        """The graph of neighbours."""
+        return knn_graph(self.points, self.k)
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """The components of the graph."""
+        return bodies(self.points, self.graph)
+
     def of_values(self, f0: FloatArray) -> PointDenoising:
         """Regularize values other than positions, (n, m), on the graph of neighbours."""
-        graph = knn_graph(self.points, self.k)
-        sigma = noise_on_graph(f0, graph) if self.sigma is None else self.sigma
-        p = 1.0 if self.p is None else self.p
-        lam = fidelity_to_values(graph, sigma, p, f0.shape[1]) if self.lam is None else self.lam
+        graph = self.graph
+        sigma, levels = self._noise(lambda: value_levels(f0, graph, around_each(self.points)))
+        p, lam = 1.0 if self.p is None else self.p, self.lam
+        if lam is None:
+            # the gradient norm contains the noise of all channels
+            together = np.asarray(sigma if levels is None else levels) * math.sqrt(f0.shape[1])
+            degree = graph.n_edges / graph.n_vertices
+            lam = _where(together > 0, lambda: 1.1 * degree ** (p / 2) * together ** (p - 2))
         f, results = f0, []
         if not _is_infinite(lam):
             most = 100 if self.max_iter is None else self.max_iter
             results = [self._run(f0, graph, p, lam, most, self.weights)]
             f = results[0].value.astype(np.float64)
-        return self._found(f, "values", results, sigma=sigma, p=p, lam=lam)
+        return self._found(f, "values", results, sigma=sigma, p=p, lam=lam, levels=levels)
 
     def moved(self, filter: PointFilter) -> PointDenoising:
-        """Regularize the points, or the normals of their neighbourhoods and then fit the points to them."""
-        x, sigma = self.points, self.sigma
-        if sigma is None and len(x) > 2:
-            sigma = noise_along_normals(x) if x.shape[1] in (2, 3) else noise_on_graph(x, knn_graph(x, self.k))
-        if len(x) < 3 or not sigma:
+        """Fit a surface, or regularize the points, or regularize the normals and fit the points to them."""
+        x = self.points
+        if filter == "surface" and len(x) >= LEAST:
+            return self._by_surface()
+        few = filter == "surface" or len(x) < 3
+        sigma, levels = self._noise(lambda: np.full(len(x), np.nan) if few else self._levels())
+        if few or not sigma > 0:
             p = self.p or (1.0 if filter == "normals" else 2.0)
-            return self._found(x, filter, [], sigma=sigma or 0.0, p=p, lam=math.inf)
-        return self._by_normals(sigma) if filter == "normals" else self._by_positions(sigma)
+            return self._found(x, filter, [], sigma=sigma, p=p, lam=math.inf, levels=levels)
+        return self._by_normals(sigma, levels) if filter == "normals" else self._by_positions(sigma, levels)
+
+    def _noise(self, estimate: Callable[[], FloatArray]) -> tuple[float, FloatArray | None]:
+        """Return the given noise, or its root mean square and the level around each point, (n,)."""
+        if self.sigma is not None:
+            return self.sigma, None
+        levels = estimate()
+        return mean_level(levels), levels
+
+    def _levels(self) -> FloatArray:
+        x, graph = self.points, self.graph
+        return point_levels(x, graph) if x.shape[1] in (2, 3) else value_levels(x, graph, around_each(x))
 
     def _found(
         self,
@@ -142,17 +213,29 @@ class Task:
         p: float,
         lam: float | FloatArray,
         normals: FloatArray | None = None,
+        levels: FloatArray | None = None,
     ) -> PointDenoising:
         return PointDenoising(
             value=value, filter=filter, results=tuple(results), sigma=sigma, estimated=self.sigma is None, p=p, lam=lam,
-            normals=normals, cloud=self.cloud, k=self.k, spacing=spacing_of(self.cloud.points),
+            normals=normals, levels=levels, cloud=self.cloud, k=self.k, spacing=self.spacing,
         )  # fmt: skip
 
-    def _by_positions(self, sigma: float) -> PointDenoising:
-        p, spacing = 2.0 if self.p is None else self.p, spacing_of(self.points)
-        lam = self.lam
+    def _by_surface(self) -> PointDenoising:
+        def run(f0: FloatArray, graph: Graph, lam: float, weights: Any) -> Result:
+            return regularize(f0, graph, p=2.0, lam=lam, weights=weights, max_iter=1, **self.options)
+
+        fit = fitted_surface(self.points, run)
+        return self._found(
+            self.points - fit.heights[:, None] * fit.normals, "surface", fit.results,
+            sigma=mean_level(fit.sigma), p=2.0, lam=OWN, normals=fit.normals, levels=fit.sigma,
+        )  # fmt: skip
+
+    def _by_positions(self, sigma: float, levels: FloatArray | None) -> PointDenoising:
+        p, lam = 2.0 if self.p is None else self.p, self.lam
         if lam is None:
-            lam = 2 ** (p - 2) * 4 * spacing ** (p - 1) / sigma if spacing > 0 else math.inf
+            noise = np.asarray(sigma if levels is None else levels)
+            spacing = self.bodies.spacing if self.bodies.bodies > 1 else self.bodies.spacing[0]
+            lam = _where((noise > 0) & (spacing > 0), lambda: 2 ** (p - 2) * 4 * spacing ** (p - 1) / noise)
         x, results = self.points, []
         left = 0 if _is_infinite(lam) else 100 if self.max_iter is None else self.max_iter
         each = left if self.update_neighbours is None else self.update_neighbours
@@ -161,23 +244,32 @@ class Task:
             results.append(result)
             x = result.value.astype(np.float64)
             left -= each
-        return self._found(x, "positions", results, sigma=sigma, p=p, lam=lam)
+        return self._found(x, "positions", results, sigma=sigma, p=p, lam=lam, levels=levels)
 
-    def _by_normals(self, sigma: float) -> PointDenoising:
+    def _by_normals(self, sigma: float, levels: FloatArray | None) -> PointDenoising:
         p, x, d = 1.0 if self.p is None else self.p, self.points, self.points.shape[1]
-        around = _around(sigma, spacing_of(x), self.k)
-        found = planes(x, nearest(x, around))
-        graph = knn_graph(x, self.k)
+        graph = self.graph
+        around = _around(sigma if levels is None else self.bodies.mean_level(levels), self.bodies.spacing, self.k)
+        found = planes_of(x, around)
         f0 = projectors(found.normals)
-        u, v = graph.edge_rows(), graph.indices
         lam = self.lam
         if lam is None:
-            apart = float(np.median(np.linalg.norm(f0[u] - f0[v], axis=1))) / math.sqrt(2) if len(u) else 0.0
+            u, v = graph.edge_rows(), graph.indices
+            apart = np.linalg.norm(f0[u] - f0[v], axis=1) / math.sqrt(2)
+            turned = tilt(found.extent, sigma if levels is None else levels, around)
             # with little noise the normals differ because of the shape
-            noise = min(apart, tilt(found.extent, sigma, around))
-            lam = fidelity_to_normals(noise)
+            if levels is None:
+                wide = turned[found.extent > 0]
+                noise = np.minimum(_median(apart), _median(wide))
+            else:
+                near = around_each(x)
+                differ = np.median(row_medians(apart, graph)[near], axis=1)
+                noise = np.minimum(differ, np.median(turned[near], axis=1))
+                # near creases normals differ because of the shape too
+                noise = np.sqrt(opened(noise**2, graph, ROUNDS[d]) * POINTS[d])
+            lam = _where(noise > 0, lambda: _TO_NORMALS / noise**2)
         if _is_infinite(lam):
-            return self._found(x, "normals", [], sigma=sigma, p=p, lam=lam, normals=found.normals)
+            return self._found(x, "normals", [], sigma=sigma, p=p, lam=lam, normals=found.normals, levels=levels)
         rows, results = f0, []
         for k in range(1 if self.weights is not None else _ROUNDS):
             alike = guided(bilateral(np.inf, _REACH), rows) if self.weights is None and k > 0 else self.weights
@@ -192,7 +284,7 @@ class Task:
             x = fitted_points(x, graph, normals, _REACH, moves, steps)
             left -= steps
             graph = knn_graph(x, self.k) if left > 0 else graph
-        return self._found(x, "normals", results, sigma=sigma, p=p, lam=lam, normals=normals)
+        return self._found(x, "normals", results, sigma=sigma, p=p, lam=lam, normals=normals, levels=levels)
 
     def _run(
         self,
@@ -208,16 +300,34 @@ class Task:
         return regularize(f0, graph, p=p, lam=held, weights=weights, max_iter=most, initial=initial, **self.options)
 
 
+def mean_level(levels: FloatArray) -> float:
+    """Return the root mean square of noise levels (n,), those that are known; NaN without any."""
+    known = levels[~np.isnan(levels)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
+
+
+def _where(some: Any, value: Callable[[], Any]) -> float | FloatArray:
+    """Return a value where there is noise, infinity elsewhere: a number for a number."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found = np.where(some, value(), math.inf)
+    return float(found) if found.ndim == 0 else found
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else 0.0
+
+
 def _is_infinite(lam: float | FloatArray) -> bool:
     """Return whether the fidelity pins everything."""
-    return isinstance(lam, float) and math.isinf(lam)
+    return bool(np.isinf(lam).all())
 
 
-def _around(sigma: float, spacing: float, k: int) -> int:
-    """Return the number of neighbours for the plane of a point: 8 to 24, more for larger noise.
+def _around(sigma: float | FloatArray, spacing: FloatArray, k: int) -> IntArray:
+    """Return the number of neighbours for the plane of each point, (n,): 8 to 24, more for larger noise.
 
     Measured on two surfaces (bunny, fandisk): with noise of 0.1, 0.25, 0.5 and 0.8 spacings the errors are least with
     8, 8, 16-24 and 24 neighbours.
     """
-    share = sigma / spacing if spacing > 0 else 1.0
-    return int(max(k, np.clip(round(8 + 30 * (share - 0.25)), 8, 24)))
+    share = np.where(spacing > 0, sigma / np.where(spacing > 0, spacing, 1), 1.0)
+    around: IntArray = np.maximum(k, np.clip(np.rint(8 + 30 * (share - 0.25)), 8, 24).astype(int))
+    return around

@@ -129,8 +129,8 @@ def checked_fidelity(lam: Any, n: int, what: str = "vertex") -> float | FloatArr
     return given.astype(np.float64)
 
 
-def limited(moves: FloatArray, most: float | None) -> tuple[FloatArray, FloatArray]:
-    """Limit displacements (n, d) to the length `most`; return them and their lengths (n,)."""
+def limited(moves: FloatArray, most: float | FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Limit displacements (n, d) to the length `most`, a number or (n,); return them and their lengths (n,)."""
     distance = np.linalg.norm(moves, axis=1)
     if most is None:
         return moves, distance

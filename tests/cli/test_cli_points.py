@@ -11,7 +11,7 @@ import trimesh
 from commands import call, done, failed
 
 import gpureg as gr
-from gpureg.points.files import POINT_FORMATS
+from gpureg.points.files import POINT_FORMATS, encode_points, read_all
 
 SPHERE = trimesh.creation.icosphere(3)
 CLEAN = np.array(SPHERE.vertices)
@@ -55,7 +55,7 @@ def test_every_kind_of_file(kind):
     expected = gr.denoise_points(NOISY, backend="numpy")
     assert np.array_equal(found.points, expected)
     assert np.array_equal(next(iter(found.columns.values())), np.arange(len(NOISY)))
-    assert told["points"] == len(NOISY) and told["method"] == "normals"
+    assert told["points"] == len(NOISY) and told["method"] == "surface"
     assert told["sigma"] == pytest.approx(gr.estimate_point_noise(NOISY)) and told["sigma_estimated"]
     moved = np.linalg.norm(expected - NOISY, axis=1)
     assert told["displacement"] == {"largest": pytest.approx(moved.max()), "mean": pytest.approx(moved.mean())}
@@ -66,7 +66,7 @@ def test_words(noisy):
     result = run(noisy, "out.ply", "--reference", "clean.ply")
     lines = done(result).splitlines()
     assert [line.split()[0] for line in lines] == ["noise", "filter", "quality", "errors", "errors", "done"]
-    assert "of the spacing, estimated" in lines[0] and "points moved to fit them" in lines[1]
+    assert "of the spacing, estimated" in lines[0] and "a scale for each point" in lines[1]
     before, after = (float(lines[4].split()[k].rstrip(",")) for k in (2, 4))
     # the noise along the surface stays
     assert 0.03 < before < 0.04 and after < 0.9 * before
@@ -161,3 +161,60 @@ def test_wrong_files(noisy):
     failed(run(noisy, "clean.ply", "--reference", "clean.ply"), 2, "would overwrite clean.ply, which is read")
     assert np.array_equal(gr.read_points("clean.ply").points, CLEAN)
     assert files() == {"noisy.ply", "flat.csv", "clean.ply"}
+
+
+def test_normals_and_points_that_are_not_finite():
+    """Normals are new ones on the old side; points without a place stay where they are not, and all of it is said."""
+    points, normals = NOISY.copy(), (-CLEAN).astype(np.float32)
+    points[5], points[9, 1] = np.nan, np.inf
+    columns = dict(zip(("nx", "ny", "nz"), normals.T, strict=True))
+    Path("scan.ply").write_bytes(encode_points("scan.ply", points, columns | CHANNELS))
+    told = report("scan.ply", "out.ply")
+    assert told["points"] == len(NOISY) - 2
+    assert told["notes"] == [
+        "the normals nx, ny, nz are computed again for the moved points, on their old side",
+        "2 points are not finite; they took no part and stay as they are",
+    ]
+    found = read_all("out.ply")
+    assert np.isnan(found.points[5]).all() and found.points[9, 1] == np.inf
+    new = np.stack([found.columns[name] for name in ("nx", "ny", "nz")], 1)
+    assert np.array_equal(new[[5, 9]], normals[[5, 9]])
+    finite = np.isfinite(points).all(axis=1)
+    assert (-(new * CLEAN).sum(axis=1))[finite].min() > 0.8 and not np.array_equal(new[finite], normals[finite])
+    assert np.array_equal(found.columns["red"], CHANNELS["red"])
+    expected = gr.denoise_points(points[finite], backend="numpy")
+    assert np.array_equal(found.points[finite], expected)
+    done(run("scan.ply", "labels.ply", "--cluster", "--max-iter", 5))
+    assert read_all("labels.ply").columns["cluster"][5] == -1
+    lines = done(run("scan.ply", "out.csv")).splitlines()
+    assert lines[-2].startswith("note     2 points are not finite")
+    Path("none.csv").write_text("x,y,z\nnan,0,0\n", "utf-8")
+    failed(run("none.csv", "out.csv"), 1, "no point that is finite")
+
+
+def test_outliers_and_copies_are_told():
+    dirty = np.concatenate([NOISY, NOISY[:7], [[3.0, 3, 3]]])
+    gr.write_points("dirty.csv", dirty)
+    told = report("dirty.csv", "out.csv")
+    assert told["outliers"] == 1 and told["repeated"] == 7 and told["noise_unknown"] == 0
+    lines = done(run("dirty.csv", "out.csv")).splitlines()
+    assert any(line.startswith("left out 1 of 650 points are outliers") for line in lines)
+    assert any(line.startswith("repeated 7 points repeat others") for line in lines)
+    assert np.array_equal(gr.read_points("out.csv").points[-1], dirty[-1])
+
+
+def test_many_files():
+    """Several files and patterns into a folder; one that is broken does not stop the others."""
+    for name in ("a.csv", "b.csv", "c.ply"):
+        gr.write_points(name, NOISY[:60])
+    Path("broken.csv").write_text("x,y\n1\n", "utf-8")
+    result = call("points", "[ab].csv", "c.ply", "new", "--backend", "numpy")
+    assert done(result).splitlines()[-1].startswith("done     3 of 3 files in")
+    assert np.array_equal(gr.read_points("new/a.csv").points, gr.denoise_points(NOISY[:60], backend="numpy"))
+    result = call("points", "*.csv", "new", "--backend", "numpy", "--json")
+    assert result.exit_code == 1 and "1 of 3 files failed" in result.stderr and "broken.csv" in result.stderr
+    told = json.loads(result.stdout)
+    assert [entry["input"] for entry in told["files"]] == ["a.csv", "b.csv"]
+    failed(call("points", "a.csv", "b.csv", "all.csv"), 2, "named like a file of points")
+    failed(call("points", "a.csv", "b.csv", "new", "--picture", "x.png"), 2, "--picture is for one file")
+    failed(call("points", "a.csv"), 2, "Missing OUT")

@@ -52,7 +52,7 @@ def test_a_cube_keeps_its_edges():
     assert outside["normals"] < outside["positions"]
 
 
-@pytest.mark.parametrize("filter", ["normals", "positions"])
+@pytest.mark.parametrize("filter", ["surface", "normals", "positions"])
 def test_it_moves_with_the_points(filter):
     """Turned, shifted, scaled and in another order, the same comes out."""
     turn = np.linalg.qr(RNG.normal(size=(3, 3)))[0]
@@ -206,7 +206,8 @@ def test_clouds_of_open3d():
     ],
     ids=["one", "two", "all the same", "a line", "copies", "four", "twice", "far away", "tiny", "huge"],
 )
-@pytest.mark.parametrize("filter", ["normals", "positions"])
+@pytest.mark.filterwarnings("ignore:.* points (are outliers|cannot be told)")
+@pytest.mark.parametrize("filter", ["surface", "normals", "positions"])
 def test_degenerate_clouds(points, filter):
     """Never NaN; points of a line stay on it."""
     # squares of 1e30 are beyond float32
@@ -220,7 +221,9 @@ def test_degenerate_clouds(points, filter):
 @pytest.mark.parametrize(
     ("points", "settings", "error", "words"),
     [
-        (NOISY, {"filter": "vertices"}, ValueError, 'filter must be "normals" or "positions"'),
+        (NOISY, {"filter": "vertices"}, ValueError, 'filter must be "surface", "normals" or "positions"'),
+        (NOISY, {"filter": "surface", "p": 1.0}, ValueError, 'filter="surface" has no p'),
+        (NOISY[:, :2], {"filter": "surface"}, ValueError, "is for 3 coordinates, got 2"),
         (RNG.normal(size=(9, 4)), {"filter": "normals"}, ValueError, "is for 2 or 3 coordinates, got 4"),
         (NOISY, {"k": 0}, ValueError, "k must be >= 1"),
         (NOISY, {"k": 2.5}, TypeError, "k must be an integer"),

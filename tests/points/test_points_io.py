@@ -126,7 +126,7 @@ def test_npz(tmp_path):
     assert np.array_equal(found.points, POINTS) and list(found.columns) == ["labels"]
     gr.write_points(path, found.points, found.columns | {"colour": RNG.random((50, 3))}, like=found)
     with np.load(path) as file:
-        assert sorted(file.files) == ["colour", "features", "labels"]
+        assert sorted(file.files) == ["about", "colour", "features", "labels"]
 
 
 def test_tables(tmp_path):
