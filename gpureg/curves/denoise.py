@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, checked_flags
+from ..arrays import FloatArray, IntArray, checked_flags
+from ..backends import BackendUnavailable
 from ..checks import flag
-from ..doors import door, part_of
-from ..graphs.of_shapes import curve_graph
+from ..doors import door, outside, part_of
+from ..graphs.csr import Graph
 from ..model.result import Result
-from ..noise.graphs import noise_on_graph
 from ..regularization.denoised import Denoised, check_numbers, checked_fidelity
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Certified, Solver
 from ..weights import Weights
+from .chain import Chain
+from .cleaning import Cleaned, Found
+from .crossings import crossings_of, expect_plane, without_crossings
 from .curves import Curves, curves_of
-
-# With fewer vertices noise cannot be distinguished from shape.
-_TELLING = 12
-
-# Candidates for the default fidelity: ten per decade.
-_FIDELITIES = np.logspace(-5, 4, 91)
+from .fidelity import fitted
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,16 +39,25 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
     ----------
     filter : {"positions"}
     sigma : tuple of float
-        Noise of each curve: given, or estimated.
+        Noise of each curve: given, or estimated; the median over its vertices.
     lam : tuple of float, or (n,) array
-        Fidelity of each curve, or of each vertex if `lam` was an array.
+        Fidelity of each curve, the median over the vertices that can move; one per vertex if `lam` was an array.
     curves : Curves
         The input curves.
+    found : tuple of Found
+        The outliers, gaps and repeated vertices of each curve; nothing if `lam` was given.
+    crossings : (int, int) or None
+        Pairs of segments that meet without a common end, before and after; None for curves that are not in the plane.
+    shortened : int
+        Number of vertices whose displacement was made shorter because of ``valid=True``.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {"positions": "positions of the vertices"}
 
     curves: Curves
+    found: tuple[Found, ...] = ()
+    crossings: tuple[int, int] | None = None
+    shortened: int = 0
 
     @property
     def points(self) -> list[FloatArray]:
@@ -70,6 +79,7 @@ def denoised(
     weights: Weights | npt.ArrayLike | None = None,
     fixed: npt.ArrayLike | None = None,
     keep_ends: bool = True,
+    valid: bool = False,
     norm: Literal["vertex", "edge"] = "vertex",
     eps: float | None = None,
     solver: str | Solver | None = None,
@@ -81,55 +91,183 @@ def denoised(
     begin = time.perf_counter()
     curves = curves_of(points, closed)
     check_numbers({"eps": eps, "tol": tol}, p=p, sigma=sigma, max_iter=max_iter)
-    graph = curves.graph()
-    n = graph.n_vertices
-    shapes = list(zip(curves.points, curves.closed, strict=True))
-    noise = tuple(_noise(x, shut) if sigma is None else float(sigma) for x, shut in shapes)
-    asked: tuple[float, ...] | FloatArray
+    n = sum(map(len, curves.points))
     given = None if lam is None else checked_fidelity(lam, n)
-    if isinstance(given, np.ndarray):
-        asked = given
-        fidelity = given.copy()
-    else:
-        if given is None:
-            asked = tuple(_fidelity(x, shut, s, float(p)) for (x, shut), s in zip(shapes, noise, strict=True))
-        else:
-            asked = (given,) * len(shapes)
-        fidelity = np.repeat(asked, [len(x) for x in curves.points])
-    if fixed is not None:
-        fidelity[checked_flags("fixed", fixed, n)] = math.inf
-    if flag("keep_ends", keep_ends):
-        fidelity[np.diff(graph.indptr) == 1] = math.inf
+    held = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
+    task = _Task.of(curves, given, sigma, float(p), held, flag("keep_ends", keep_ends), _is_array(weights))
     results: tuple[Result, ...] = ()
-    value = together = np.concatenate(curves.points)
-    if not np.isinf(fidelity).all():
+    moved = task.f0
+    if not np.isinf(task.fidelity).all():
+        initial = None
         if solver is None:
-            exact = p >= 1 and fidelity.min() > 0
+            exact = p >= 1 and task.fidelity.min() > 0
             solver = Certified(tol=1e-6) if exact else "jacobi"
             max_iter = 1000 if max_iter is None and not exact else max_iter
-        f0 = graph.positions
-        assert f0 is not None
+            initial = task.minimiser if weights is None else None
         # one number if all are equal: the fastest kernels and direct solvers need that
-        held: float | FloatArray = float(fidelity[0]) if (fidelity == fidelity[0]).all() else fidelity
-        result = regularize(
-            f0, graph, p=p, lam=held, weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol,
-            **options,
+        same = (task.fidelity == task.fidelity[0]).all()
+        run = functools.partial(
+            regularize, task.f0, task.graph, p=p, lam=float(task.fidelity[0]) if same else task.fidelity,
+            weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, initial=initial,
         )  # fmt: skip
+        result = _in_double(run, options) if initial is not None else run(**options)
         results = (result,)
         # pinned vertices are returned unchanged, bit for bit
-        value = together + np.where(np.isinf(fidelity)[:, None], 0.0, result.value - f0)
+        moved = np.where(np.isinf(task.fidelity)[:, None], task.f0, result.value)
+    together = np.concatenate(curves.points)
+    moves, shortened = task.displacements(moved), 0
+    if flag("valid", valid):
+        expect_plane(curves.points)
+        moves, shortened = without_crossings(together, moves, [len(x) for x in curves.points], curves.closed)
+    value = together + moves
     return CurveDenoising(
         value=value,
         filter="positions",
-        sigma=noise,
+        sigma=task.sigma,
         estimated=sigma is None,
         p=float(p),
-        lam=asked,
+        lam=given if isinstance(given, np.ndarray) else task.lam,
         results=results,
         displacement=np.linalg.norm(value - together, axis=1),
         seconds=time.perf_counter() - begin,
         curves=curves,
+        found=task.found,
+        crossings=crossings_of(curves.points, curves.split(value), curves.closed),
+        shortened=shortened,
     )
+
+
+def _in_double(run: Callable[..., Result], options: Run) -> Result:
+    """Run from the minimiser, which float64 proves to be one at once, if the device has float64."""
+    if options.get("dtype") is not None:
+        return run(**options)
+    try:
+        return run(**{**options, "dtype": np.float64})
+    except BackendUnavailable:
+        return run(**options)
+
+
+def _is_array(weights: Any) -> bool:
+    return weights is not None and not isinstance(weights, Weights)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What to regularize: the vertices of all curves without repeats and outliers, cut at their gaps.
+
+    Attributes
+    ----------
+    cleaned : list of Cleaned
+    orders : list of (k,) int arrays
+        The order of the vertices of each curve in the graph: indices in ``Cleaned.alive``.
+    graph : Graph
+    f0 : (m, d) array
+        Their positions, each curve about its mean.
+    fidelity : (m,) array
+        Infinite where a vertex is pinned.
+    lam : tuple of float
+        The fidelity of each curve.
+    minimiser : (m, d) array or None
+        The result for p = 2, if it is known.
+    """
+
+    cleaned: list[Cleaned]
+    orders: list[IntArray]
+    graph: Graph
+    f0: FloatArray
+    fidelity: FloatArray
+    lam: tuple[float, ...]
+    minimiser: FloatArray | None
+
+    @classmethod
+    def of(
+        cls,
+        curves: Curves,
+        lam: float | FloatArray | None,
+        sigma: float | None,
+        p: float,
+        held: npt.NDArray[np.bool_],
+        keep_ends: bool,
+        whole: bool,
+    ) -> _Task:
+        """Find the task.
+
+        Parameters
+        ----------
+        curves : Curves
+        lam : float or (n,) array, optional
+            The caller's fidelity: the curves stay as they are.
+        sigma : float, optional
+        p : float
+        held : (n,) bool array
+            Vertices that do not move.
+        keep_ends : bool
+        whole : bool
+            Whether the curves stay as they are also without `lam`.
+        """
+        fixed = curves.split(held)
+        robust = lam is None and not whole
+        cleaned = [
+            Cleaned(x, shut, still, sigma, robust)
+            for x, shut, still in zip(curves.points, curves.closed, fixed, strict=True)
+        ]
+        pinned = []
+        for curve, still, shut in zip(cleaned, fixed, curves.closed, strict=True):
+            pins = np.zeros(len(curve.merged), bool)
+            np.logical_or.at(pins, curve.of, still)
+            if keep_ends and not shut:
+                pins[[0, -1]] = True
+            pinned.append(pins)
+        minimiser: FloatArray | None = None
+        if lam is None:
+            fits = fitted(cleaned, pinned, p)
+            each = [fit.lam for fit in fits]
+            free = [np.median(fit[np.isfinite(fit)]) if np.isfinite(fit).any() else math.inf for fit in each]
+            known = tuple(float(x) for x in free)
+        else:
+            each = curves.split(lam.copy()) if isinstance(lam, np.ndarray) else [np.full(len(x), lam) for x in curves.points]
+            known = () if isinstance(lam, np.ndarray) else (lam,) * len(each)
+            each = [np.where(pins, math.inf, x) for x, pins in zip(each, pinned, strict=True)]
+        parts = [curve.pieces() for curve in cleaned]
+        orders = [order for order, *_ in parts]
+        chain = Chain(np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts]))
+        f0 = np.concatenate([_centred(c.points, c.points)[order] for c, order in zip(cleaned, orders, strict=True)])
+        if lam is None and p == 2:
+            minimiser = np.concatenate(
+                [_centred(fit.u, c.points)[order] for fit, c, order in zip(fits, cleaned, orders, strict=True)]
+            )
+        fidelity = np.concatenate([x[order] for x, order in zip(each, orders, strict=True)])
+        return cls(cleaned, orders, chain.graph(f0), f0, fidelity, known, minimiser)
+
+    @property
+    def sigma(self) -> tuple[float, ...]:
+        """The noise of each curve."""
+        return tuple(float(np.median(curve.sigma)) for curve in self.cleaned)
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """What was found in each curve."""
+        return tuple(curve.found() for curve in self.cleaned)
+
+    def displacements(self, value: FloatArray) -> FloatArray:
+        """Compute the displacement of each vertex of the input, (n, d), from new positions (m, d) in the graph."""
+        moves, begin = [], 0
+        for curve, order in zip(self.cleaned, self.orders, strict=True):
+            mine = slice(begin, begin + len(order))
+            begin += len(order)
+            moved = np.empty_like(value[mine])
+            # exactly 0 for a vertex that is pinned, or if nothing was done
+            moved[order] = value[mine] - self.f0[mine]
+            new = curve.points + moved
+            step = curve.filled(new) - curve.merged
+            step[curve.alive] = moved
+            moves.append(step[curve.of])
+        return np.concatenate(moves)
+
+
+def _centred(x: FloatArray, by: FloatArray) -> FloatArray:
+    centred: FloatArray = x - by.mean(axis=0)
+    return centred
 
 
 @door(options=RUN)
@@ -199,28 +337,3 @@ def denoise_curve(found: CurveDenoising) -> Any:
     True
     """
     return found.curves.as_came(found.points)
-
-
-def _noise(x: FloatArray, closed: bool) -> float:
-    # a square has four large second differences and no noise
-    return noise_on_graph(x - x.mean(axis=0), curve_graph(x, closed)) if len(x) >= _TELLING else 0.0
-
-
-def _fidelity(x: FloatArray, closed: bool, sigma: float, p: float) -> float:
-    """Compute the default fidelity of :func:`denoise_curve` for one curve, (n, d)."""
-    from scipy import fft
-
-    if not sigma > 0:
-        return math.inf
-    n, d = x.shape
-    f = x - x.mean(axis=0)
-    power = np.abs(fft.fft(f, axis=0, norm="ortho") if closed else fft.dct(f, axis=0, norm="ortho")) ** 2
-    power = power.sum(axis=1)
-    mu = 2 - 2 * np.cos((2 if closed else 1) * np.pi * np.arange(n) / n)
-    h = _FIDELITIES[:, None] / (_FIDELITIES[:, None] + 2 * mu)
-    best = int(np.argmin(((1 - h) ** 2 * power).sum(axis=1) + 2 * sigma**2 * d * h.sum(axis=1)))
-    lam = float(_FIDELITIES[best])
-    if p == 2:
-        return lam
-    slope = math.sqrt(2 * float((mu * h[best] ** 2 * power).sum()) / n)
-    return lam * slope ** (p - 2) if slope > 0 else math.inf

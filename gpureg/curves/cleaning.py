@@ -1,0 +1,354 @@
+"""Find what must not decide for the rest of a curve: repeated vertices, outliers, gaps; and the noise at each vertex."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray, IntArray
+
+# With fewer vertices noise cannot be distinguished from shape.
+TELLING = 12
+
+# Vertices nearer to the one before than this, in mean segments, repeat it.
+_SAME = 1e-6
+# Half the number of vertices over which running medians are taken.
+_WINDOW = 30
+# An outlier, or a run of up to _RUN: all its legs longer than _FAR medians, the two outer ones longer than _PAST times
+# the way past it, each vertex more than _DEVIATIONS sigma (of a vertex and the middle of two) off the middle of the way.
+_FAR, _PAST, _DEVIATIONS, _RUN = 3.0, 1.5, 4.5, 3
+# After the fit: a standardised residual above _DEVIATIONS, both legs longer than _LEG medians and than the way past.
+_LEG = 2.0
+_ROUNDS = 6
+# A gap is longer than this many medians of the _NEAR segments before, and of those after.
+_GAP, _NEAR = 8.0, 5
+# The noise varies along a curve if the 95 % and the 5 % quantile of its running estimate differ by more than this.
+_VARIES = 2.2
+# Where more than this share of the second differences is 0, the curve is made of straight lines.
+_STRAIGHT = 0.6
+# The median of |x| for a standard normal x.
+_MEDIAN = 0.6744897501960817
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found in a curve and kept from deciding for the rest.
+
+    Attributes
+    ----------
+    outliers : (k,) int array
+        Vertices of the input far off the curve: they had no say, and lie between their neighbours in the result.
+    gaps : (g,) int array
+        Vertices of the input after which the curve has a gap: it was not smoothed across.
+    repeats : int
+        Number of vertices that repeat the one before, to 1e-6 of the mean segment: they count once.
+    opened : bool
+        Whether the segment that closes the curve is such a gap: the curve was treated as open.
+    """
+
+    outliers: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    gaps: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    repeats: int = 0
+    opened: bool = False
+
+
+class Cleaned:
+    """A curve without its repeats and outliers, cut at its gaps.
+
+    Parameters
+    ----------
+    x : (n, d) float array
+    closed : bool
+    held : (n,) bool array
+        Vertices that are no outliers, whatever they look like.
+    sigma : float, optional
+        The noise. None: estimated.
+    robust : bool
+        Whether to look for outliers and gaps, and to merge repeats.
+
+    Attributes
+    ----------
+    of : (n,) int array
+        The merged vertex of each vertex of the input.
+    merged : (m, d) float array
+        The vertices without repeats.
+    alive : (k,) int array
+        Those that are no outliers, in order.
+    cuts : (c,) int array
+        Indices of the vertices in `alive` after which there is a gap.
+    sigma : (k,) float array
+        The noise at each vertex in `alive`; 0 where there is none.
+    """
+
+    def __init__(
+        self, x: FloatArray, closed: bool, held: npt.NDArray[np.bool_], sigma: float | None, robust: bool
+    ) -> None:
+        self.closed, self._given, self._robust = closed, sigma, robust
+        merges = robust and not _is_rounded(x, closed)
+        self.of, first = _repeats(x, closed) if merges else (np.arange(len(x)), np.arange(len(x)))
+        self.merged = x[first]
+        self._held = np.zeros(len(first), bool)
+        np.logical_or.at(self._held, self.of, held)
+        self._look(np.arange(len(first)))
+
+    @property
+    def points(self) -> FloatArray:
+        """The vertices in `alive`, (k, d)."""
+        return self.merged[self.alive]
+
+    @property
+    def long(self) -> bool:
+        """Whether there are enough vertices to tell noise from shape."""
+        return len(self.alive) >= TELLING
+
+    def _look(self, alive: IntArray) -> None:
+        """Find outliers among these merged vertices, then gaps, then the noise."""
+        for _ in range(_ROUNDS if self._robust else 0):
+            out = self._outliers(alive)
+            if not out.any():
+                break
+            alive = alive[~out]
+        self.alive = alive
+        self.cuts = _gaps(self.points, self.closed) if self._robust else np.empty(0, np.int64)
+        order, sizes, rings = self.pieces()
+        self.sigma = np.full(len(alive), 0.0 if self._given is None else self._given)
+        if self._given is None:
+            self._estimate(order, sizes, rings)
+
+    def pieces(self) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+        """Return the paths and rings between the gaps: vertices in `alive` in order, (k,), sizes and rings, (c,)."""
+        k = len(self.alive)
+        if self.closed and not len(self.cuts) and k > 2:
+            return np.arange(k), np.array([k]), np.array([True])
+        if self.closed and len(self.cuts):
+            # begin after the first gap
+            begin = int(self.cuts[0]) + 1
+            bounds = np.append(self.cuts - self.cuts[0], k)
+            return (np.arange(k) + begin) % k, np.diff(bounds), np.zeros(len(self.cuts), bool)
+        bounds = np.concatenate([[0], self.cuts + 1, [k]])
+        return np.arange(k), np.diff(bounds), np.zeros(len(self.cuts) + 1, bool)
+
+    def _estimate(self, order: IntArray, sizes: IntArray, rings: npt.NDArray[np.bool_]) -> None:
+        ends = np.cumsum(sizes)
+        x = self.points[order]
+        told = sizes >= TELLING
+        for begin, end, ring in zip((ends - sizes)[told], ends[told], rings[told], strict=True):
+            self.sigma[order[begin:end]] = _noise(x[begin:end], bool(ring))
+        if told.any() and not told.all():
+            # short pieces tell nothing of their noise: they take that of the others
+            known = np.repeat(told, sizes)
+            self.sigma[order[~known]] = np.median(self.sigma[order[known]])
+
+    def _legs(self, x: FloatArray) -> FloatArray:
+        """Compute the length of the segment after each vertex; for open curves without the last vertex."""
+        steps = np.diff(x, axis=0, append=x[:1]) if self.closed else np.diff(x, axis=0)
+        lengths: FloatArray = np.linalg.norm(steps, axis=1)
+        return lengths
+
+    def _outliers(self, alive: IntArray) -> npt.NDArray[np.bool_]:
+        """Find runs of vertices far off the way past them, before the fit."""
+        x, m = self.merged[alive], len(alive)
+        drop = np.zeros(m, bool)
+        if m < TELLING:
+            return drop
+        legs = self._legs(x)
+        far = legs > _FAR * _running_median(legs, self.closed)
+        if not far.any():
+            return drop
+        noise = np.full(m, self._given) if self._given is not None else _running_noise(x, self.closed)
+        candidates: list[tuple[float, int, int]] = []
+        for run in range(1, _RUN + 1):
+            j = np.flatnonzero(far)
+            if not self.closed:
+                j = j[j + run < len(legs)]
+            for step in range(1, run + 1):
+                j = j[far[(j + step) % m]]
+            a, b = x[j], x[(j + run + 1) % m]
+            past = np.linalg.norm(b - a, axis=1)
+            leg = np.minimum(legs[j], legs[(j + run) % m])
+            inside = (j[:, None] + np.arange(1, run + 1)) % m
+            off = np.linalg.norm(x[inside] - (a + b)[:, None] / 2, axis=2).min(axis=1)
+            sigma = noise[inside].max(axis=1)
+            out = (leg > _PAST * past) & (off > _DEVIATIONS * math.sqrt(1.5) * sigma) & (sigma > 0)
+            out &= ~self._held[alive[inside]].any(axis=1)
+            candidates += [(p / q, int(k), run) for p, q, k in zip(past[out], leg[out], j[out], strict=True)]
+        for _, j0, run in sorted(candidates):
+            # with a vertex on each side that stays
+            around = np.arange(j0, j0 + run + 2) % m
+            if not drop[around].any():
+                drop[around[1:-1]] = True
+        # a curve is not made of outliers
+        return drop if drop.sum() <= m // 3 else np.zeros(m, bool)
+
+    def refit(self, u: FloatArray, h: FloatArray) -> bool:
+        """Find further outliers by the fit u (k, d) with leverages h (k,); return whether there are any."""
+        if not self._robust or not self.long:
+            return False
+        x, legs = self.points, self._legs(self.points)
+        residual = np.linalg.norm(u - x, axis=1) / np.sqrt(np.maximum(1 - h, 0.05))
+        out = (self.sigma > 0) & (residual > _DEVIATIONS * self.sigma) & ~self._held[self.alive]
+        if not out.any():
+            return False
+        median = _running_median(legs, self.closed)
+        before, after = np.roll(x, 1, axis=0), np.roll(x, -1, axis=0)
+        past = np.linalg.norm(after - before, axis=1)
+        if not self.closed:
+            legs, median, past[[0, -1]] = np.append(legs, 0), np.append(median, median[-1]), math.inf
+        leg = np.minimum(legs, np.roll(legs, 1))
+        out &= (leg > _LEG * median) & (leg > past)
+        if not out.any():
+            return False
+        self._look(self.alive[~out])
+        return True
+
+    def filled(self, moved: FloatArray) -> FloatArray:
+        """Extend new positions (k, d) of the vertices in `alive` to all merged ones, (m, d): linear between them."""
+        m, k = len(self.merged), len(self.alive)
+        if k == m:
+            return moved
+        at, values = self.alive, moved
+        if self.closed:
+            at = np.concatenate([at[-1:] - m, at, at[:1] + m])
+            values = np.concatenate([moved[-1:], moved, moved[:1]])
+        filled = np.stack([np.interp(np.arange(m), at, column) for column in values.T], axis=1)
+        filled[self.alive] = moved
+        return filled
+
+    def found(self) -> Found:
+        """Return what was found, in the numbers of the input."""
+        last = np.zeros(len(self.merged), np.int64)
+        np.maximum.at(last, self.of, np.arange(len(self.of)))
+        gone = np.ones(len(self.merged), bool)
+        gone[self.alive] = False
+        opened = self.closed and len(self.alive) - 1 in self.cuts
+        inner = self.cuts[self.cuts < len(self.alive) - 1]
+        return Found(
+            np.flatnonzero(gone[self.of]), last[self.alive[inner]], len(self.of) - len(self.merged), opened
+        )
+
+
+def _repeats(x: FloatArray, closed: bool) -> tuple[IntArray, IntArray]:
+    """Return the number of the merged vertex of each vertex, (n,), and the first vertex of each, (m,)."""
+    steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    same = _SAME * float(steps.mean()) if len(steps) else 0.0
+    new = np.concatenate([[True], steps > same])
+    of, first = np.cumsum(new) - 1, np.flatnonzero(new)
+    if closed and len(first) > 1 and np.linalg.norm(x[first[-1]] - x[0]) <= same:
+        of[of == len(first) - 1] = 0
+        first = first[:-1]
+    return of, first
+
+
+def _running_median(values: FloatArray, closed: bool, half: int = _WINDOW) -> FloatArray:
+    from scipy.ndimage import median_filter
+
+    half = min(half, (len(values) - 1) // 2)
+    found: FloatArray = median_filter(values, size=2 * half + 1, mode="wrap" if closed else "mirror")
+    return found
+
+
+def _differences(x: FloatArray, order: int, closed: bool) -> FloatArray:
+    """Compute differences of this order, relative to their deviation for white noise of sigma 1."""
+    if closed:
+        x = np.concatenate([x, x[:order]])
+    found: FloatArray = np.diff(x, n=order, axis=0) / math.sqrt(math.comb(2 * order, order))
+    return found
+
+
+def _running_noise(x: FloatArray, closed: bool) -> FloatArray:
+    """Estimate the noise at each vertex, (n,): the least of running medians of differences of the orders 3 and 4."""
+    from scipy.special import gammaincinv
+
+    n, d = x.shape
+    # the median of a sum of d squares of standard normal numbers
+    middle = 2 * float(gammaincinv(d / 2, 0.5))
+    best = np.full(n, math.inf)
+    for order in (3, 4):
+        square = (_differences(x, order, closed) ** 2).sum(axis=1) / middle
+        if closed:
+            square = np.roll(square, order // 2)
+        else:
+            square = np.pad(square, (order // 2, order - order // 2), mode="edge")
+        best = np.minimum(best, _running_median(square, closed))
+    noise: FloatArray = np.sqrt(best)
+    return noise
+
+
+def _noise(x: FloatArray, closed: bool) -> FloatArray:
+    """Estimate the noise at each vertex of a path or ring, (n,): one number, unless it varies by more than chance."""
+    from scipy.ndimage import uniform_filter1d
+
+    steps = np.abs(np.diff(x, axis=0))
+    still = 1e-9 * float(steps.max())
+    middle = _middle_noise(x, closed)
+    if _on_pixels(steps, still):
+        return np.full(len(x), middle)
+    noise = _running_noise(x, closed)
+    low, high = np.quantile(noise, [0.05, 0.95])
+    if middle and high < _VARIES * low:
+        return np.full(len(x), middle)
+    bends = np.linalg.norm(_differences(x, 2, closed), axis=1) <= still
+    straight = np.roll(bends, 1) if closed else np.pad(bends, 1, mode="edge")
+    size = 2 * min(_WINDOW, (len(x) - 1) // 2) + 1
+    share = uniform_filter1d(straight.astype(np.float64), size, mode="wrap" if closed else "mirror")
+    noise[(share > _STRAIGHT) | (noise <= still)] = 0
+    return noise
+
+
+def _middle_noise(x: FloatArray, closed: bool) -> float:
+    """Estimate one noise level for a path or ring; 0 if more than half of it is free of noise."""
+    middle = float(np.median(np.abs(_differences(x, 4, closed)))) / _MEDIAN
+    return middle if middle > 1e-9 * float(np.abs(np.diff(x, axis=0)).max()) else 0.0
+
+
+def _is_rounded(x: FloatArray, closed: bool) -> bool:
+    """Return whether a curve was rounded to pixels and has noise: then repeats come from rounding, and count."""
+    if len(x) < TELLING:
+        return False
+    steps = np.abs(np.diff(x, axis=0))
+    still = 1e-9 * float(steps.max())
+    return _on_pixels(steps, still) and _middle_noise(x, closed) > 0
+
+
+def _on_pixels(steps: FloatArray, still: float) -> bool:
+    """Return whether the steps (s, d) of a curve are 0, 1 or 2 of one unit: the outline of pixels, not of noise."""
+    if not (steps > still).any():
+        return True
+    unit = float(steps[steps > still].min())
+    multiple = steps / unit
+    whole = np.rint(multiple)
+    return bool((np.abs(multiple - whole) < 1e-6).all() and whole.max() <= 2)
+
+
+def _is_gap(lengths: FloatArray, closed: bool) -> npt.NDArray[np.bool_]:
+    """Return which segments are longer than 8 medians of the 5 before, and of the 5 after, (s,)."""
+    s = len(lengths)
+    near = min(_NEAR, s - 1)
+    if near < 1:
+        return np.zeros(s, bool)
+    if closed:
+        around = np.concatenate([lengths[-near:], lengths, lengths[:near]])
+    else:
+        around = np.concatenate([np.full(near, np.nan), lengths, np.full(near, np.nan)])
+    windows = np.lib.stride_tricks.sliding_window_view(around, near)
+    before, after = windows[: len(lengths)], windows[near + 1 :]
+    if closed:
+        usual = np.maximum(np.median(before, axis=1), np.median(after, axis=1))
+    else:
+        inner = slice(near, s - near)
+        usual = np.zeros(s)
+        usual[inner] = np.maximum(np.median(before[inner], axis=1), np.median(after[inner], axis=1))
+        for j in (*range(min(near, s)), *range(max(near, s - near), s)):
+            sides = (lengths[max(0, j - near) : j], lengths[j + 1 : j + 1 + near])
+            usual[j] = max(float(np.median(side)) for side in sides if len(side))
+    return (usual > 0) & (lengths > _GAP * usual)
+
+
+def _gaps(x: FloatArray, closed: bool) -> IntArray:
+    if len(x) < TELLING:
+        return np.empty(0, np.int64)
+    steps = np.diff(x, axis=0, append=x[:1]) if closed else np.diff(x, axis=0)
+    return np.flatnonzero(_is_gap(np.linalg.norm(steps, axis=1), closed))

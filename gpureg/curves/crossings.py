@@ -1,0 +1,175 @@
+"""Find where curves in the plane cross themselves or each other: :func:`crossings`; and undo moves that cross."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray, IntArray
+
+# A move is halved until nothing crosses; a smaller share of it than this is none.
+_LEAST = 0.05
+_ROUNDS = 200
+
+
+def segments_of(sizes: Sequence[int], closed: Sequence[bool]) -> IntArray:
+    """List the segments of curves, (s, 2), as vertices of one curve after another."""
+    found = []
+    start = 0
+    for n, shut in zip(sizes, closed, strict=True):
+        u = np.arange(n if shut and n > 2 else n - 1)
+        found.append(np.stack([start + u, start + (u + 1) % n], axis=1))
+        start += n
+    return np.concatenate(found)
+
+
+def crossings(curves: Sequence[FloatArray], closed: Sequence[bool]) -> int | None:
+    """Count the pairs of segments that meet although they have no end in common; None if not in the plane.
+
+    Parameters
+    ----------
+    curves : sequence of (n, d) arrays
+    closed : sequence of bool
+    """
+    if curves[0].shape[1] != 2:
+        return None
+    return len(meeting(np.concatenate(curves), segments_of([len(x) for x in curves], closed)))
+
+
+def crossings_of(
+    before: Sequence[FloatArray], after: Sequence[FloatArray], closed: Sequence[bool]
+) -> tuple[int, int] | None:
+    """Count the crossings of curves before and after; None if not in the plane."""
+    first, last = crossings(before, closed), crossings(after, closed)
+    return None if first is None or last is None else (first, last)
+
+
+def expect_plane(curves: Sequence[FloatArray]) -> None:
+    """Raise ValueError if curves (n, d) are not in the plane, where crossings can be prevented."""
+    if curves[0].shape[1] != 2:
+        raise ValueError(f"valid=True is for curves in the plane, (n, 2), got {curves[0].shape[1]} coordinates")
+
+
+def meeting(x: FloatArray, segments: IntArray) -> IntArray:
+    """Find pairs of segments that meet without a common end.
+
+    Parameters
+    ----------
+    x : (n, 2) float array
+    segments : (s, 2) int array
+        The two vertices of each.
+
+    Returns
+    -------
+    (k, 2) int array
+        Pairs of numbers of segments, sorted.
+
+    Notes
+    -----
+    Segments are cut into pieces of at most half the mean length; pairs with pieces in the same square of that size are
+    compared.
+    """
+    start, end = x[segments[:, 0]], x[segments[:, 1]]
+    length = np.linalg.norm(end - start, axis=1)
+    # a point of a curve is part of its neighbours
+    proper = np.flatnonzero(length > 0)
+    if len(proper) < 2:
+        return np.empty((0, 2), np.int64)
+    size = float(length[proper].mean()) / 2
+    parts = np.ceil(1.01 * length[proper] / size).astype(np.int64)
+    of = np.repeat(proper, parts)
+    place = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+    along = (end - start)[of] / np.repeat(parts, parts)[:, None]
+    first = (start[of] - x.mean(axis=0)) + along * place[:, None]
+    both = np.stack([first, first + along]) / size
+    # a little more, so that segments that only touch are in the same square
+    one = np.floor(both.min(axis=0) - 1e-6).astype(np.int64)
+    two = np.floor(both.max(axis=0) + 1e-6).astype(np.int64)
+    # a piece is in at most four squares
+    squares = np.concatenate([np.stack([a[:, 0], b[:, 1]], axis=1) for a in (one, two) for b in (one, two)])
+    squares -= squares.min(axis=0)
+    key = squares[:, 0] * (int(squares[:, 1].max()) + 1) + squares[:, 1]
+    which = np.tile(of, 4)
+    order = np.lexsort((which, key))
+    key, which = key[order], which[order]
+    new = np.concatenate([[True], (np.diff(key) != 0) | (np.diff(which) != 0)])
+    key, which = key[new], which[new]
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    found = [np.empty((0, 2), np.int64)]
+    at = np.arange(len(key) - 1)
+    step = 1
+    while True:
+        at = at[at + step < len(key)]
+        at = at[key[at] == key[at + step]]
+        if not len(at):
+            break
+        i, j = which[at], which[at + step]
+        near = ((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=1)
+        i, j = i[near], j[near]
+        met = _meet(start[i], end[i], start[j], end[j])
+        found.append(np.stack([i[met], j[met]], axis=1))
+        step += 1
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def _meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return whether the segments ab and cd, (k, 2) each, meet and have no end in common; their boxes must overlap."""
+    common = np.zeros(len(a), bool)
+    for u in (a, b):
+        for v in (c, d):
+            common |= (u == v).all(axis=1)
+    sides = [np.sign(_turn(a, b, c)) * np.sign(_turn(a, b, d)), np.sign(_turn(c, d, a)) * np.sign(_turn(c, d, b))]
+    met: npt.NDArray[np.bool_] = ~common & (sides[0] <= 0) & (sides[1] <= 0)
+    return met
+
+
+def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Compute twice the area of triangles, > 0 if counterclockwise."""
+    area: FloatArray = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    return area
+
+
+def shared_vertices(x: FloatArray) -> IntArray:
+    """Number the places of vertices (n, d): equal vertices have the same number, (n,)."""
+    return np.unique(x, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def without_crossings(
+    x: FloatArray, moves: FloatArray, sizes: Sequence[int], closed: Sequence[bool]
+) -> tuple[FloatArray, int]:
+    """Shorten moves of vertices until no segments meet that did not before.
+
+    Parameters
+    ----------
+    x : (n, 2) float array
+        The vertices of one curve after another.
+    moves : (n, 2) float array
+        Their displacements; vertices at the same place get the mean of theirs, and none if one of them has none.
+    sizes, closed : sequences
+        Number of vertices of each curve, and whether it is closed.
+
+    Returns
+    -------
+    moves : (n, 2) float array
+    shortened : int
+        Number of vertices whose move is shorter.
+    """
+    place = shared_vertices(x)
+    count = np.bincount(place)
+    mean = np.stack([np.bincount(place, weights=column) / count for column in moves.T], axis=1)
+    mean[place[(moves == 0).all(axis=1)]] = 0
+    segments = segments_of(sizes, closed)
+    before = {tuple(pair) for pair in meeting(x, segments).tolist()}
+    share = np.ones(len(mean))
+    for _ in range(_ROUNDS):
+        pairs = meeting(x + (share[:, None] * mean)[place], segments)
+        new = [pair for pair in pairs.tolist() if tuple(pair) not in before]
+        if not new:
+            break
+        ends = np.unique(place[segments[np.unique(new)]])
+        share[ends] = np.where(share[ends] / 2 < _LEAST, 0, share[ends] / 2)
+    else:
+        share[:] = 0
+    return (share[:, None] * mean)[place], int((share[place] < 1).sum())
