@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ..curves.simplify import CURVE_FILTERS
+from ..curves.process import CURVE_FILTERS
 from ..jobs.curve import CurveSettings, curve_file
 from ..jobs.options import WEIGHTS
 from ..model.problem import NORMS

@@ -1,4 +1,4 @@
-"""Find what must not decide for the rest of a curve: repeated vertices, outliers, gaps; and the noise at each vertex."""
+"""Find what must not decide for the rest of a curve: repeated vertices, outliers, gaps."""
 
 from __future__ import annotations
 
@@ -9,28 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-
-# With fewer vertices noise cannot be distinguished from shape.
-TELLING = 12
+from .noise import TELLING, is_rounded, noise_along, running_median, running_noise
 
 # Vertices nearer to the one before than this, in mean segments, repeat it.
 _SAME = 1e-6
-# Half the number of vertices over which running medians are taken.
-_WINDOW = 30
 # An outlier, or a run of up to _RUN: all its legs longer than _FAR medians, the two outer ones longer than _PAST times
-# the way past it, each vertex more than _DEVIATIONS sigma (of a vertex and the middle of two) off the middle of the way.
+# the way past it, each vertex more than _DEVIATIONS sigma off the middle of that way.
 _FAR, _PAST, _DEVIATIONS, _RUN = 3.0, 1.5, 4.5, 3
 # After the fit: a standardised residual above _DEVIATIONS, both legs longer than _LEG medians and than the way past.
 _LEG = 2.0
 _ROUNDS = 6
 # A gap is longer than this many medians of the _NEAR segments before, and of those after.
 _GAP, _NEAR = 8.0, 5
-# The noise varies along a curve if the 95 % and the 5 % quantile of its running estimate differ by more than this.
-_VARIES = 2.2
-# Where more than this share of the second differences is 0, the curve is made of straight lines.
-_STRAIGHT = 0.6
-# The median of |x| for a standard normal x.
-_MEDIAN = 0.6744897501960817
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +77,8 @@ class Cleaned:
         self, x: FloatArray, closed: bool, held: npt.NDArray[np.bool_], sigma: float | None, robust: bool
     ) -> None:
         self.closed, self._given, self._robust = closed, sigma, robust
-        merges = robust and not _is_rounded(x, closed)
-        self.of, first = _repeats(x, closed) if merges else (np.arange(len(x)), np.arange(len(x)))
+        merges = robust and not is_rounded(x, closed)
+        self.of, first = _repeats(x, closed, merges)
         self.merged = x[first]
         self._held = np.zeros(len(first), bool)
         np.logical_or.at(self._held, self.of, held)
@@ -136,7 +126,7 @@ class Cleaned:
         x = self.points[order]
         told = sizes >= TELLING
         for begin, end, ring in zip((ends - sizes)[told], ends[told], rings[told], strict=True):
-            self.sigma[order[begin:end]] = _noise(x[begin:end], bool(ring))
+            self.sigma[order[begin:end]] = noise_along(x[begin:end], bool(ring))
         if told.any() and not told.all():
             # short pieces tell nothing of their noise: they take that of the others
             known = np.repeat(told, sizes)
@@ -155,10 +145,10 @@ class Cleaned:
         if m < TELLING:
             return drop
         legs = self._legs(x)
-        far = legs > _FAR * _running_median(legs, self.closed)
+        far = legs > _FAR * running_median(legs, self.closed)
         if not far.any():
             return drop
-        noise = np.full(m, self._given) if self._given is not None else _running_noise(x, self.closed)
+        noise = np.full(m, self._given) if self._given is not None else running_noise(x, self.closed)
         candidates: list[tuple[float, int, int]] = []
         for run in range(1, _RUN + 1):
             j = np.flatnonzero(far)
@@ -192,7 +182,7 @@ class Cleaned:
         out = (self.sigma > 0) & (residual > _DEVIATIONS * self.sigma) & ~self._held[self.alive]
         if not out.any():
             return False
-        median = _running_median(legs, self.closed)
+        median = running_median(legs, self.closed)
         before, after = np.roll(x, 1, axis=0), np.roll(x, -1, axis=0)
         past = np.linalg.norm(after - before, axis=1)
         if not self.closed:
@@ -225,13 +215,13 @@ class Cleaned:
         gone[self.alive] = False
         opened = self.closed and len(self.alive) - 1 in self.cuts
         inner = self.cuts[self.cuts < len(self.alive) - 1]
-        return Found(
-            np.flatnonzero(gone[self.of]), last[self.alive[inner]], len(self.of) - len(self.merged), opened
-        )
+        return Found(np.flatnonzero(gone[self.of]), last[self.alive[inner]], len(self.of) - len(self.merged), opened)
 
 
-def _repeats(x: FloatArray, closed: bool) -> tuple[IntArray, IntArray]:
+def _repeats(x: FloatArray, closed: bool, merges: bool) -> tuple[IntArray, IntArray]:
     """Return the number of the merged vertex of each vertex, (n,), and the first vertex of each, (m,)."""
+    if not merges:
+        return np.arange(len(x)), np.arange(len(x))
     steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
     same = _SAME * float(steps.mean()) if len(steps) else 0.0
     new = np.concatenate([[True], steps > same])
@@ -240,87 +230,6 @@ def _repeats(x: FloatArray, closed: bool) -> tuple[IntArray, IntArray]:
         of[of == len(first) - 1] = 0
         first = first[:-1]
     return of, first
-
-
-def _running_median(values: FloatArray, closed: bool, half: int = _WINDOW) -> FloatArray:
-    from scipy.ndimage import median_filter
-
-    half = min(half, (len(values) - 1) // 2)
-    found: FloatArray = median_filter(values, size=2 * half + 1, mode="wrap" if closed else "mirror")
-    return found
-
-
-def _differences(x: FloatArray, order: int, closed: bool) -> FloatArray:
-    """Compute differences of this order, relative to their deviation for white noise of sigma 1."""
-    if closed:
-        x = np.concatenate([x, x[:order]])
-    found: FloatArray = np.diff(x, n=order, axis=0) / math.sqrt(math.comb(2 * order, order))
-    return found
-
-
-def _running_noise(x: FloatArray, closed: bool) -> FloatArray:
-    """Estimate the noise at each vertex, (n,): the least of running medians of differences of the orders 3 and 4."""
-    from scipy.special import gammaincinv
-
-    n, d = x.shape
-    # the median of a sum of d squares of standard normal numbers
-    middle = 2 * float(gammaincinv(d / 2, 0.5))
-    best = np.full(n, math.inf)
-    for order in (3, 4):
-        square = (_differences(x, order, closed) ** 2).sum(axis=1) / middle
-        if closed:
-            square = np.roll(square, order // 2)
-        else:
-            square = np.pad(square, (order // 2, order - order // 2), mode="edge")
-        best = np.minimum(best, _running_median(square, closed))
-    noise: FloatArray = np.sqrt(best)
-    return noise
-
-
-def _noise(x: FloatArray, closed: bool) -> FloatArray:
-    """Estimate the noise at each vertex of a path or ring, (n,): one number, unless it varies by more than chance."""
-    from scipy.ndimage import uniform_filter1d
-
-    steps = np.abs(np.diff(x, axis=0))
-    still = 1e-9 * float(steps.max())
-    middle = _middle_noise(x, closed)
-    if _on_pixels(steps, still):
-        return np.full(len(x), middle)
-    noise = _running_noise(x, closed)
-    low, high = np.quantile(noise, [0.05, 0.95])
-    if middle and high < _VARIES * low:
-        return np.full(len(x), middle)
-    bends = np.linalg.norm(_differences(x, 2, closed), axis=1) <= still
-    straight = np.roll(bends, 1) if closed else np.pad(bends, 1, mode="edge")
-    size = 2 * min(_WINDOW, (len(x) - 1) // 2) + 1
-    share = uniform_filter1d(straight.astype(np.float64), size, mode="wrap" if closed else "mirror")
-    noise[(share > _STRAIGHT) | (noise <= still)] = 0
-    return noise
-
-
-def _middle_noise(x: FloatArray, closed: bool) -> float:
-    """Estimate one noise level for a path or ring; 0 if more than half of it is free of noise."""
-    middle = float(np.median(np.abs(_differences(x, 4, closed)))) / _MEDIAN
-    return middle if middle > 1e-9 * float(np.abs(np.diff(x, axis=0)).max()) else 0.0
-
-
-def _is_rounded(x: FloatArray, closed: bool) -> bool:
-    """Return whether a curve was rounded to pixels and has noise: then repeats come from rounding, and count."""
-    if len(x) < TELLING:
-        return False
-    steps = np.abs(np.diff(x, axis=0))
-    still = 1e-9 * float(steps.max())
-    return _on_pixels(steps, still) and _middle_noise(x, closed) > 0
-
-
-def _on_pixels(steps: FloatArray, still: float) -> bool:
-    """Return whether the steps (s, d) of a curve are 0, 1 or 2 of one unit: the outline of pixels, not of noise."""
-    if not (steps > still).any():
-        return True
-    unit = float(steps[steps > still].min())
-    multiple = steps / unit
-    whole = np.rint(multiple)
-    return bool((np.abs(multiple - whole) < 1e-6).all() and whole.max() <= 2)
 
 
 def _is_gap(lengths: FloatArray, closed: bool) -> npt.NDArray[np.bool_]:
@@ -344,7 +253,8 @@ def _is_gap(lengths: FloatArray, closed: bool) -> npt.NDArray[np.bool_]:
         for j in (*range(min(near, s)), *range(max(near, s - near), s)):
             sides = (lengths[max(0, j - near) : j], lengths[j + 1 : j + 1 + near])
             usual[j] = max(float(np.median(side)) for side in sides if len(side))
-    return (usual > 0) & (lengths > _GAP * usual)
+    far: npt.NDArray[np.bool_] = (usual > 0) & (lengths > _GAP * usual)
+    return far
 
 
 def _gaps(x: FloatArray, closed: bool) -> IntArray:

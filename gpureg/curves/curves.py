@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, checked_points
+from ..arrays import FloatArray, IntArray, checked_points
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import curve_graph
 from ..shapes.ends import Ends, ends_of
@@ -59,8 +59,11 @@ class Curves:
         """Split a function on the vertices of all curves, (n,) or (n, m), into one per curve."""
         return np.split(f, np.cumsum([len(x) for x in self.points[:-1]]))
 
-    def as_came(self, values: list[FloatArray]) -> Any:
-        """Return (n, d) vertices per curve in the form of the input: its types, repeated vertices, list or not."""
+    def as_came(self, values: list[FloatArray], kept: list[IntArray] | None = None) -> Any:
+        """Return (k, d) vertices per curve in the form of the input: its types, repeated vertices, list or not.
+
+        `kept` are the (k,) indices of the vertices in the input, if there are fewer.
+        """
         made = [
             (np.concatenate([x, x[:1]]) if ends.repeated else x).astype(dtype)
             for x, ends, dtype in zip(values, self.ends, self.dtypes, strict=True)

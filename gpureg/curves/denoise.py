@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -13,22 +12,20 @@ from typing import Any, ClassVar, Literal, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray, checked_flags
+from ..arrays import FloatArray, checked_flags
 from ..backends import BackendUnavailable
 from ..checks import flag
 from ..doors import door, outside, part_of
-from ..graphs.csr import Graph
 from ..model.result import Result
 from ..regularization.denoised import Denoised, check_numbers, checked_fidelity
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Certified, Solver
 from ..weights import Weights
-from .chain import Chain
-from .cleaning import Cleaned, Found
-from .crossings import crossings_of, expect_plane, without_crossings
+from .cleaning import Found
+from .crossings import crossed, crossings_of, expect_plane, without_crossings
 from .curves import Curves, curves_of
-from .fidelity import fitted
+from .task import Task
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,7 +91,7 @@ def denoised(
     n = sum(map(len, curves.points))
     given = None if lam is None else checked_fidelity(lam, n)
     held = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
-    task = _Task.of(curves, given, sigma, float(p), held, flag("keep_ends", keep_ends), _is_array(weights))
+    task = Task.of(curves, given, sigma, float(p), held, flag("keep_ends", keep_ends), _is_array(weights))
     results: tuple[Result, ...] = ()
     moved = task.f0
     if not np.isinf(task.fidelity).all():
@@ -151,123 +148,26 @@ def _is_array(weights: Any) -> bool:
     return weights is not None and not isinstance(weights, Weights)
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """What to regularize: the vertices of all curves without repeats and outliers, cut at their gaps.
-
-    Attributes
-    ----------
-    cleaned : list of Cleaned
-    orders : list of (k,) int arrays
-        The order of the vertices of each curve in the graph: indices in ``Cleaned.alive``.
-    graph : Graph
-    f0 : (m, d) array
-        Their positions, each curve about its mean.
-    fidelity : (m,) array
-        Infinite where a vertex is pinned.
-    lam : tuple of float
-        The fidelity of each curve.
-    minimiser : (m, d) array or None
-        The result for p = 2, if it is known.
-    """
-
-    cleaned: list[Cleaned]
-    orders: list[IntArray]
-    graph: Graph
-    f0: FloatArray
-    fidelity: FloatArray
-    lam: tuple[float, ...]
-    minimiser: FloatArray | None
-
-    @classmethod
-    def of(
-        cls,
-        curves: Curves,
-        lam: float | FloatArray | None,
-        sigma: float | None,
-        p: float,
-        held: npt.NDArray[np.bool_],
-        keep_ends: bool,
-        whole: bool,
-    ) -> _Task:
-        """Find the task.
-
-        Parameters
-        ----------
-        curves : Curves
-        lam : float or (n,) array, optional
-            The caller's fidelity: the curves stay as they are.
-        sigma : float, optional
-        p : float
-        held : (n,) bool array
-            Vertices that do not move.
-        keep_ends : bool
-        whole : bool
-            Whether the curves stay as they are also without `lam`.
-        """
-        fixed = curves.split(held)
-        robust = lam is None and not whole
-        cleaned = [
-            Cleaned(x, shut, still, sigma, robust)
-            for x, shut, still in zip(curves.points, curves.closed, fixed, strict=True)
-        ]
-        pinned = []
-        for curve, still, shut in zip(cleaned, fixed, curves.closed, strict=True):
-            pins = np.zeros(len(curve.merged), bool)
-            np.logical_or.at(pins, curve.of, still)
-            if keep_ends and not shut:
-                pins[[0, -1]] = True
-            pinned.append(pins)
-        minimiser: FloatArray | None = None
-        if lam is None:
-            fits = fitted(cleaned, pinned, p)
-            each = [fit.lam for fit in fits]
-            free = [np.median(fit[np.isfinite(fit)]) if np.isfinite(fit).any() else math.inf for fit in each]
-            known = tuple(float(x) for x in free)
-        else:
-            each = curves.split(lam.copy()) if isinstance(lam, np.ndarray) else [np.full(len(x), lam) for x in curves.points]
-            known = () if isinstance(lam, np.ndarray) else (lam,) * len(each)
-            each = [np.where(pins, math.inf, x) for x, pins in zip(each, pinned, strict=True)]
-        parts = [curve.pieces() for curve in cleaned]
-        orders = [order for order, *_ in parts]
-        chain = Chain(np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts]))
-        f0 = np.concatenate([_centred(c.points, c.points)[order] for c, order in zip(cleaned, orders, strict=True)])
-        if lam is None and p == 2:
-            minimiser = np.concatenate(
-                [_centred(fit.u, c.points)[order] for fit, c, order in zip(fits, cleaned, orders, strict=True)]
+def warnings_of(found: CurveDenoising) -> list[str]:
+    """List in sentences what a user must know of the result."""
+    told = []
+    for k, one in enumerate(found.found):
+        which = f"curve {k}" if found.curves.several else "the curve"
+        if len(one.outliers):
+            numbers = ", ".join(map(str, one.outliers[:5].tolist())) + (", ..." if len(one.outliers) > 5 else "")
+            count = f"{len(one.outliers)} vertices are outliers" if len(one.outliers) > 1 else "1 vertex is an outlier"
+            told.append(
+                f"{which}: {count} ({numbers}): left out, and put between the neighbours; lam= keeps every vertex"
             )
-        fidelity = np.concatenate([x[order] for x, order in zip(each, orders, strict=True)])
-        return cls(cleaned, orders, chain.graph(f0), f0, fidelity, known, minimiser)
-
-    @property
-    def sigma(self) -> tuple[float, ...]:
-        """The noise of each curve."""
-        return tuple(float(np.median(curve.sigma)) for curve in self.cleaned)
-
-    @property
-    def found(self) -> tuple[Found, ...]:
-        """What was found in each curve."""
-        return tuple(curve.found() for curve in self.cleaned)
-
-    def displacements(self, value: FloatArray) -> FloatArray:
-        """Compute the displacement of each vertex of the input, (n, d), from new positions (m, d) in the graph."""
-        moves, begin = [], 0
-        for curve, order in zip(self.cleaned, self.orders, strict=True):
-            mine = slice(begin, begin + len(order))
-            begin += len(order)
-            moved = np.empty_like(value[mine])
-            # exactly 0 for a vertex that is pinned, or if nothing was done
-            moved[order] = value[mine] - self.f0[mine]
-            new = curve.points + moved
-            step = curve.filled(new) - curve.merged
-            step[curve.alive] = moved
-            moves.append(step[curve.of])
-        return np.concatenate(moves)
-
-
-def _centred(x: FloatArray, by: FloatArray) -> FloatArray:
-    centred: FloatArray = x - by.mean(axis=0)
-    return centred
+        if one.opened:
+            told.append(
+                f"{which} is closed as given, but its ends are {found.curves.ends[k].gap:.3g} apart, far more than "
+                "other vertices: it was not smoothed across them"
+            )
+    told += crossed(found.crossings)
+    if found.shortened:
+        told.append(f"{found.shortened} vertices moved less than they would, so that the result does not cross itself")
+    return told
 
 
 @door(options=RUN)
@@ -278,8 +178,8 @@ def denoise_curve(found: CurveDenoising) -> Any:
     Parameters
     ----------
     points : (n, d) array, or a list of (n, d) arrays
-        The vertices in order, in any dimension. A list, such as the outlines of ``skimage.measure.find_contours``, is
-        regularized as one graph, with the noise of each curve.
+        The vertices in order, in any dimension; or a line or polygon of shapely, also several. A list, such as the
+        outlines of ``skimage.measure.find_contours``, is regularized as one graph, with the noise of each curve.
     closed : bool, optional
         Whether the last vertex is joined to the first. None: decided for each curve. A curve is closed if the first
         vertex is repeated at the end (to 1e-6 of the mean segment), or if the distance of the ends is at most twice the
@@ -291,22 +191,27 @@ def denoise_curve(found: CurveDenoising) -> Any:
         infinity pins. 0 is Laplacian smoothing, which shrinks the curve (figure 5), and needs `max_iter`. None:
         computed from the noise, see Notes.
     sigma : float, optional
-        Standard deviation of the noise of each coordinate. None: estimated for each curve from second differences; 0
-        for curves of fewer than 12 vertices.
+        Standard deviation of the noise of each coordinate. None: estimated from differences of the fourth order, in
+        each curve and, where it varies, along the curve; 0 for curves of fewer than 12 vertices.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge. None: 1.
+        An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge, with which the
+        curves are taken as they are. None: 1.
     fixed : (n,) bool array, optional
         Vertices, of one curve after another, whose position does not change.
     keep_ends : bool, default True
         Whether to fix the ends of open curves.
+    valid : bool, default False
+        In the plane: shorten the moves that make curves cross which did not before, and move vertices at the same
+        place, such as those of a common border, together.
     solver : str or Solver, optional
         None: ``gpureg.Certified(tol=1e-6)``, the minimiser, for p >= 1 and lam > 0; otherwise "jacobi".
     norm, eps, max_iter, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. If "jacobi" is the default solver, the default of `max_iter` is 1000.
+        As in :func:`gpureg.regularize`. If "jacobi" is the default solver, the default of `max_iter` is 1000. Without
+        `lam`, `weights` and `solver` the default `dtype` for p = 2 is float64, if the device has it.
 
     Returns
     -------
-    array like `points`, or a list of arrays
+    array like `points`, or a list of arrays, or objects of shapely
 
     Raises
     ------
@@ -315,16 +220,29 @@ def denoise_curve(found: CurveDenoising) -> Any:
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
+    Warns
+    -----
+    UserWarning
+        Outliers were found; the ends of a curve given as closed are far apart; the result crosses itself at more places
+        than the input; moves were shortened because of `valid`.
+
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for the positions. At p = 2 and w = 1 this multiplies the curve's
-    Fourier coefficients (open curves: cosine coefficients) by h = lam / (lam + 2 mu), with mu = 2 - 2 cos of their
-    frequency. The default lam, one of ten per decade, minimises Stein's unbiased estimate of the error::
+    Minimises the energy of :func:`gpureg.regularize` for the positions. Without `lam`, a few vertices do not decide for
+    the rest: consecutive vertices that are equal to 1e-6 of the mean segment count once. Outliers, up to three vertices
+    with legs of more than three median segments that lead there and back, and vertices more than 4.5 sigma off the fit,
+    are left out. A segment of more than eight times the median of the five before and of the five after is a gap, which
+    is not smoothed across.
 
-        sum (1 - h)^2 |F|^2 + 2 sigma^2 d sum h
+    The default lam minimises Stein's unbiased estimate of the error, in units of the variance::
 
-    For another p it is that lam times G^(p - 2), with G the root mean square of the gradient norm of that result, so
-    that both smooth equally where the gradient is G.
+        sum |u - f|^2 / sigma^2 + 2 d sum h
+
+    with the result u at p = 2 and the leverages h, the derivatives of u by f at the same vertex. It is one number, one
+    of ten per decade, for each piece between gaps, times sigma^-2 where the noise varies along the piece. It varies
+    along a piece itself where that lowers the estimate clearly, as in curves with several densities of vertices. For
+    another p it is the number for the piece times G^(p - 2), with G the root mean square of the gradient norm of that
+    result, so that both smooth equally where the gradient is G.
 
     Examples
     --------
@@ -336,4 +254,6 @@ def denoise_curve(found: CurveDenoising) -> Any:
     >>> bool(np.abs(clean - circle).mean() < 0.4 * np.abs(noisy - circle).mean())
     True
     """
+    for sentence in warnings_of(found):
+        warnings.warn(sentence, UserWarning, stacklevel=outside())
     return found.curves.as_came(found.points)

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from .chain import Chain
-from .cleaning import TELLING, Cleaned
+from .cleaning import Cleaned
+from .noise import TELLING
 
 # Candidates: five in two decades; the best is refined twice, to ten per decade.
 _FIDELITIES = np.logspace(-6, 4, 26)
@@ -26,6 +27,10 @@ _PINNED = 1e12
 _RANGE = 0.01
 # Searches for outliers that only the fit shows.
 _ROUNDS = 3
+
+
+# The vertices of a curve in the order of its pieces, the sizes of these, and which are rings.
+Pieces = tuple[IntArray, IntArray, npt.NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +115,7 @@ class _Search:
         return np.repeat(values, self.chain.sizes)
 
 
-def _fits(
-    curves: Sequence[Cleaned], pinned: Sequence[npt.NDArray[np.bool_]], p: float
-) -> list[tuple[Fit, FloatArray]]:
+def _fits(curves: Sequence[Cleaned], pinned: Sequence[npt.NDArray[np.bool_]], p: float) -> list[tuple[Fit, FloatArray]]:
     """Fit curves together; return the fit and the leverages of each."""
     parts = [curve.pieces() for curve in curves]
     chain = Chain(np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts]))
@@ -124,7 +127,7 @@ def _fits(
     )
     search = _Search(chain, f, sigma, still | ~(sigma > 0))
     local = _Local(chain) if p == 2 else None
-    lam = _one_each(search, curves, parts, local)
+    lam = _one_each(search, parts, local)
     lam = lam if local is None else _narrowed(search, local, lam)
     u, h, _ = search.fit(lam)
     if p != 2:
@@ -145,9 +148,7 @@ def _fits(
     return found
 
 
-def _one_each(
-    search: _Search, curves: Sequence[Cleaned], parts: Sequence[tuple[IntArray, ...]], local: _Local | None
-) -> FloatArray:
+def _one_each(search: _Search, parts: Sequence[Pieces], local: _Local | None) -> FloatArray:
     """Choose one fidelity for each piece; return it at each vertex, (n,). `local` learns the estimates."""
     chain = search.chain
     lowest = np.full(len(chain.sizes), math.inf)
@@ -167,7 +168,7 @@ def _one_each(
             lowest, best = np.where(better, cost, lowest), np.where(better, trial, best)
     # short pieces of a long curve tell little: they take the fidelity of its others
     begin = 0
-    for curve, (_, sizes, _) in zip(curves, parts, strict=True):
+    for _, sizes, _ in parts:
         mine = slice(begin, begin + len(sizes))
         begin += len(sizes)
         told = sizes >= TELLING

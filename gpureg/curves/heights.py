@@ -55,10 +55,29 @@ def kept_by_height(
         before. Vertices at the same place are removed together, or not at all.
     """
     if valid:
-        work = _Heights(curves, closed, shared_vertices(np.concatenate(curves)), valid)
-        return work.run(tolerance, n_vertices)
-    found = [_Heights([x], [shut], np.arange(len(x)), False).run(tolerance, n_vertices) for x, shut in zip(curves, closed, strict=True)]
-    return Kept([one.kept[0] for one in found], 0)
+        # equal vertices in sequence are one
+        proper = [_proper(x, shut) for x, shut in zip(curves, closed, strict=True)]
+        parts = [x[own] for x, own in zip(curves, proper, strict=True)]
+        found = _Heights(parts, closed, shared_vertices(np.concatenate(parts)), valid).run(tolerance, n_vertices)
+        return Kept([own[kept] for own, kept in zip(proper, found.kept, strict=True)], found.refused)
+    each = [
+        _Heights([x], [shut], np.arange(len(x)), valid).run(tolerance, n_vertices).kept[0]
+        for x, shut in zip(curves, closed, strict=True)
+    ]
+    return Kept(each, 0)
+
+
+def _proper(x: FloatArray, closed: bool) -> IntArray:
+    """Return the vertices that differ from the one before; all if too few do."""
+    new = (x != np.roll(x, 1, axis=0)).any(axis=1)
+    new[0] |= not closed
+    if new.sum() < (3 if closed else 2):
+        return np.arange(len(x))
+    if not closed:
+        # an open curve keeps its last vertex
+        last = np.flatnonzero(new)[-1]
+        new[last], new[-1] = new[last] and last == 0, True
+    return np.flatnonzero(new)
 
 
 class _Heights:
@@ -72,9 +91,7 @@ class _Heights:
     valid : bool
     """
 
-    def __init__(
-        self, curves: Sequence[FloatArray], closed: Sequence[bool], place: IntArray, valid: bool
-    ) -> None:
+    def __init__(self, curves: Sequence[FloatArray], closed: Sequence[bool], place: IntArray, valid: bool) -> None:
         sizes = [len(x) for x in curves]
         x = np.concatenate(curves)
         starts = np.cumsum([0, *sizes])

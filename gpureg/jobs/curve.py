@@ -15,7 +15,8 @@ from ..arrays import FloatArray, IntArray
 from ..curves.curves import Curves
 from ..curves.denoise import denoised
 from ..curves.files import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
-from ..curves.simplify import CurveFilter, simplified
+from ..curves.process import CurveFilter
+from ..curves.simplify import simplified
 from ..curves.skeletons import Skeleton, skeleton
 from ..model.result import Result
 from ..shapes.ends import Ends, ends_of
