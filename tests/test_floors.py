@@ -74,6 +74,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "tifffile": ("files/tiff.py",),
     "imagecodecs": ("files/pictures.py",),
     "networkx": ("graphs/networkx.py",),
+    "shapely": ("curves/shapely.py",),
     "pyamg": ("solvers/multigrid.py",),
     "rich": ("cli/backends.py", "progress.py"),
     "click": ("cli/",),

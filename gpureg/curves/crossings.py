@@ -46,13 +46,13 @@ def crossings_of(
     return None if first is None or last is None else (first, last)
 
 
-def crossed(counts: tuple[int, int] | None) -> list[str]:
-    """Say in a sentence, or none, that there are more crossings after than before."""
+def crossed(counts: tuple[int, int] | None, cure: str = "valid=True") -> list[str]:
+    """Say in a sentence, or none, that there are more crossings after than before, and what prevents them."""
     if counts is None or counts[1] <= counts[0]:
         return []
     before, after = counts
     places = "1 place" if after == 1 else f"{after} places"
-    return [f"the result crosses itself at {places}, the input at {before}: valid=True prevents that"]
+    return [f"the result crosses itself at {places}, the input at {before}: {cure} prevents that"]
 
 
 def expect_plane(curves: Sequence[FloatArray]) -> None:

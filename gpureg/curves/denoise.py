@@ -150,7 +150,7 @@ def _is_array(weights: Any) -> bool:
 
 def warnings_of(found: CurveDenoising) -> list[str]:
     """List in sentences what a user must know of the result."""
-    told = []
+    told = list(found.curves.left)
     for k, one in enumerate(found.found):
         which = f"curve {k}" if found.curves.several else "the curve"
         if len(one.outliers):

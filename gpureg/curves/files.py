@@ -1,8 +1,9 @@
-"""Read and write polygonal curves: CSV, SVG and GeoJSON, including other contents of the last two."""
+"""Read and write polygonal curves: CSV, SVG, GeoJSON and GPX, including other contents of the last three."""
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,13 +14,16 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..checks import flag
-from ..doors import door
+from ..doors import door, outside
 from ..files.pictures import PictureError, check_place, write_atomically
 from ..files.table import encode_table, read_table, read_text
 from ..shapes.ends import Ends, ends_of
-from .documents import Geo, Svg, new_geo, new_svg
+from .geojson import Geo, new_geo
+from .gpx import Gpx, new_gpx
+from .lines import Line
+from .svg import Svg, new_svg
 
-CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json")
+CURVE_FORMATS = (".csv", ".csv.gz", ".svg", ".geojson", ".json", ".gpx")
 
 
 class CurveError(PictureError):
@@ -37,15 +41,19 @@ class CurveInFile:
     closed : bool
         Whether the last vertex is joined to the first.
     more : (n, q) float64 array
-        Other numbers of each vertex: altitudes of GeoJSON, columns of CSV.
+        Other numbers of each vertex: altitudes of GeoJSON and GPX, NaN where there is none; columns of CSV.
     ends : Ends or None
         Why the curve is open or closed; None if it was not read from a file.
+    rows : (n,) int array or None
+        The vertices of the file whose other contents, such as the times of GPX, these vertices have. None: all in
+        order, if there are as many.
     """
 
     points: FloatArray
     closed: bool
     more: FloatArray
     ends: Ends | None = field(default=None, repr=False)
+    rows: IntArray | None = field(default=None, repr=False)
 
 
 class Document(Protocol):
@@ -63,17 +71,21 @@ class CurvesFile:
     ----------
     curves : list of CurveInFile
     degrees : bool
-        Whether coordinates are longitude and latitude: GeoJSON without another reference system.
+        Whether coordinates are longitude and latitude: GPX, and GeoJSON without another reference system.
     kind : str
         The extension.
     document : Document
         The other contents.
+    left : tuple of str
+        The curves of the file that cannot be treated, each with the reason. In a file of the same format they stay as
+        they were.
     """
 
     curves: list[CurveInFile]
     degrees: bool
     kind: str
     document: Document = field(repr=False)
+    left: tuple[str, ...] = ()
 
 
 def curve_format(path: str | os.PathLike[str]) -> str:
@@ -94,18 +106,39 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
     path : path
         CSV: one row per vertex, in columns x and y or the first two columns; several curves are separated by a blank
         line or numbered by a column ``curve``. SVG: polygons, polylines, and paths of straight segments. GeoJSON: lines
-        and polygons in any geometry, feature or collection.
+        and polygons in any geometry, feature or collection. GPX: the segments of tracks, and routes.
     closed : bool, optional
         Whether the curves of a CSV file are closed. None: if some curves repeat the first vertex at the end (to 1e-6 of
         the mean segment), only these are closed; otherwise those whose ends are at most twice the 95 % quantile of the
-        segments' lengths apart. SVG and GeoJSON files contain this information.
+        segments' lengths apart. SVG and GeoJSON files contain this information; a segment of GPX is closed if it
+        repeats its first point.
 
     Raises
     ------
     CurveError
-        The file is missing, cannot be read, is damaged or has another format; it has no curve, or a curve with too few
-        vertices or vertices that are not finite.
+        The file is missing, cannot be read, is damaged or has another format; none of its curves can be treated.
+
+    Warns
+    -----
+    UserWarning
+        Some curves cannot be treated: they are empty, or have too few different vertices, or vertices that are not
+        finite. They are not in the result; :func:`write_curves` with ``like=`` writes them as they were.
     """
+    found = read(path, closed=closed)
+    if found.left:
+        warnings.warn(f"{path}: {left_words(found.left)}", UserWarning, stacklevel=outside())
+    return found
+
+
+def left_words(left: Sequence[str], most: int = 5) -> str:
+    """Say in a sentence which curves cannot be treated."""
+    more = f"; and {len(left) - most} more" if len(left) > most else ""
+    count = f"{len(left)} curves" if len(left) > 1 else "1 curve"
+    return f"{count} cannot be treated: {'; '.join(left[:most])}{more}"
+
+
+def read(path: str | os.PathLike[str], *, closed: bool | None = None) -> CurvesFile:
+    """Read curves as :func:`read_curves`, without a warning."""
     kind = curve_format(path)
     if closed is not None:
         flag("closed", closed)
@@ -113,55 +146,75 @@ def read_curves(path: str | os.PathLike[str], *, closed: bool | None = None) -> 
             raise CurveError(f"{path}: a {kind} file says by itself which curves are closed")
     try:
         if kind.startswith(".csv"):
-            found = _of_csv(path, closed)
-        elif kind == ".svg":
-            svg = Svg.of(read_text(path, CurveError))
-            found = CurvesFile(_curves(svg.read()), False, kind, _Placed(svg))
-        else:
-            geo = Geo.of(read_text(path, CurveError))
-            found = CurvesFile(_curves(geo.read()), geo.in_degrees, kind, _Placed(geo))
+            return _of_csv(path, closed)
+        text = read_text(path, CurveError)
+        document = Svg.of(text) if kind == ".svg" else Gpx.of(text) if kind == ".gpx" else Geo.of(text)
+        lines = document.read()
+        treated, left = _treated(path, lines)
+        degrees = isinstance(document, Gpx) or (isinstance(document, Geo) and document.in_degrees)
+        return CurvesFile(
+            [_curve(lines[k]) for k in treated], degrees, kind, _Placed(document, len(lines), treated), left
+        )
     except ValueError as error:
         if isinstance(error, CurveError):
             raise
         raise CurveError(f"{path}: {error}") from None
-    if not found.curves:
-        raise CurveError(f"{path} contains no polygonal curve")
-    for k, curve in enumerate(found.curves):
-        least = 3 if curve.closed else 2
-        if len(curve.points) < least:
-            raise CurveError(f"{path}: curve {k} has {len(curve.points)} vertices, it needs {least}")
-        if not np.isfinite(curve.points).all():
-            raise CurveError(f"{path}: curve {k} has a vertex that is not finite")
-    return found
+
+
+def _treated(path: str | os.PathLike[str], lines: Sequence[Line]) -> tuple[list[int], tuple[str, ...]]:
+    """Return the numbers of the curves that can be treated, and the reasons of the others."""
+    faults = [line.untreatable() for line in lines]
+    treated = [k for k, fault in enumerate(faults) if fault is None]
+    left = tuple(fault for fault in faults if fault is not None)
+    if not treated:
+        why = f" that can be treated: {'; '.join(left[:5])}" if left else ""
+        raise CurveError(f"{path} contains no polygonal curve{why}")
+    return treated, left
+
+
+def _curve(line: Line) -> CurveInFile:
+    """Make a curve of a document; columns of which nothing is known are left out."""
+    points, more = line.rows[:, :2], line.rows[:, 2:]
+    ends = replace(ends_of(points, line.closed), why="source")
+    known = np.isfinite(more).any(axis=0)
+    # no column is left out before one that is known
+    width = int(np.flatnonzero(known)[-1]) + 1 if known.any() else 0
+    return CurveInFile(points, line.closed, more[:, :width], ends, np.arange(len(points)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """An SVG or GeoJSON document, which adds or omits the closing vertex of a curve as its format needs."""
+    """An SVG, GeoJSON or GPX document, which adds or omits the closing vertex of a curve as its format needs.
 
-    document: Svg | Geo
+    `count` is the number of its curves, `treated` are the numbers of those that can be treated.
+    """
+
+    document: Svg | Geo | Gpx
+    count: int
+    treated: Sequence[int]
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
-        return self.document.write([np.concatenate([curve.points, curve.more], axis=1) for curve in curves])
-
-
-def _curves(found: Sequence[tuple[FloatArray, bool]]) -> list[CurveInFile]:
-    return [
-        CurveInFile(rows[:, :2], closed, rows[:, 2:], replace(ends_of(rows[:, :2], closed), why="source"))
-        for rows, closed in found
-    ]
+        new: list[FloatArray | None] = [None] * self.count
+        rows: list[IntArray | None] = [None] * self.count
+        for k, curve in zip(self.treated, curves, strict=True):
+            new[k], rows[k] = np.concatenate([curve.points, curve.more], axis=1), curve.rows
+        return self.document.write(new, rows) if isinstance(self.document, Gpx) else self.document.write(new)
 
 
 @dataclass(frozen=True, eq=False)
 class _Csv:
-    """The form of a CSV file: its header, its delimiter, and how its curves are separated."""
+    """The form of a CSV file: its header, its delimiter, how its curves are separated, and those not treated."""
 
     names: tuple[str, ...] | None
     delimiter: str
     by_column: IntArray | None
     repeated: list[bool]
+    untreated: dict[int, CurveInFile] = field(default_factory=dict)
 
     def encode(self, curves: Sequence[CurveInFile]) -> bytes:
+        others = iter(curves)
+        count = len(curves) + len(self.untreated)
+        curves = [self.untreated[k] if k in self.untreated else next(others) for k in range(count)]
         rows: list[FloatArray] = []
         gaps: list[int] = []
         number: list[npt.NDArray[Any]] = []
@@ -202,15 +255,21 @@ def _of_csv(path: str | os.PathLike[str], closed: bool | None) -> CurvesFile:
     if closed is None and any(one.repeated for one in ends):
         # if a file repeats the first vertex of some curves, the others are open
         ends = [one if one.repeated else replace(one, closed=False, why="source") for one in ends]
-    curves = []
-    for part, one in zip(parts, ends, strict=True):
-        own = part[:-1] if one.repeated else part
-        curves.append(CurveInFile(own[:, [x, y]], one.closed, own[:, rest], one))
+    lines = [
+        Line((part[:-1] if one.repeated else part)[:, [x, y, *rest]], one.closed, f"curve {k}")
+        for k, (part, one) in enumerate(zip(parts, ends, strict=True))
+    ]
+    curves = [
+        CurveInFile(line.rows[:, :2], line.closed, line.rows[:, 2:], one) for line, one in zip(lines, ends, strict=True)
+    ]
     head = None
     if names is not None:
         head = (names[x], names[y], *([] if which is None else [names[which]]), *(names[k] for k in rest))
-    document = _Csv(head, table.delimiter, None if which is None else numbers, [one.repeated for one in ends])
-    return CurvesFile(curves, False, ".csv", document)
+    treated, left = _treated(path, lines)
+    untreated = {k: curve for k, curve in enumerate(curves) if k not in set(treated)}
+    repeated = [one.repeated for one in ends]
+    document = _Csv(head, table.delimiter, None if which is None else numbers, repeated, untreated)
+    return CurvesFile([curves[k] for k in treated], False, ".csv", document, left)
 
 
 @door
@@ -222,8 +281,8 @@ def write_curves(
     Parameters
     ----------
     path : path
-        A name that ends in .csv, .csv.gz, .svg, .geojson or .json. An existing file is replaced when the new one is
-        complete.
+        A name that ends in .csv, .csv.gz, .svg, .geojson, .json or .gpx. An existing file is replaced when the new one
+        is complete.
     curves : sequence of CurveInFile
     like : CurvesFile, optional
         The source of the curves: if it has the same format and number of curves, its other contents are written too.
@@ -231,7 +290,7 @@ def write_curves(
     Raises
     ------
     CurveError, PictureError
-        An unknown extension; a folder that does not exist; an error of the disk.
+        An unknown extension; a folder that does not exist; an error of the disk; GPX of what is not in degrees.
 
     Examples
     --------
@@ -270,6 +329,11 @@ def encode_curves(
         mixed = not all(curve.closed for curve in curves)
         told = [CurveInFile(curve.points, curve.closed, curve.more[:, : len(names)]) for curve in curves]
         encoded = _Csv(("x", "y", *names), ",", None, [curve.closed and mixed for curve in curves]).encode(told)
+    elif kind == ".gpx":
+        try:
+            encoded = new_gpx(rows)
+        except ValueError as error:
+            raise CurveError(f"{path}: {error}") from None
     else:
         encoded = new_geo(rows)
     if kind == ".csv.gz":

@@ -116,15 +116,6 @@ def simplified(
     else:
         filter = choice("filter", filter or "directions", CURVE_FILTERS)
         p = float(_PROCESS["p"] if p is None else p)
-        defaults = {
-            "p": p,
-            "norm": "edge",
-            "eps": 1e-3,
-            "solver": "jacobi",
-            "max_iter": 2000,
-            "tol": 1e-6,
-            "dtype": STEPS,
-        }
         given = {name: value for name, value in model.items() if value is not None}
         settings: dict[str, Any] = {**_PROCESS, **given, **options}
         process = functools.partial(regularize, **settings)
@@ -162,7 +153,8 @@ def _expect_shapes(curves: Curves, n_vertices: int | None) -> None:
 
 def warnings_of(found: CurveSimplification) -> list[str]:
     """List in sentences what a user must know of the result."""
-    told = crossed(found.crossings)
+    told = list(found.curves.left)
+    told += crossed(found.crossings, "valid=True" if found.method == "heights" else "method='heights' with valid=True")
     most = max(len(part.kept) for part in found.parts)
     if found.n_vertices is not None and most > found.n_vertices:
         told.append(

@@ -14,7 +14,7 @@ from ..doors import door
 from ..graphs.csr import Graph
 from ..regularization.options import MODEL, Model
 from ..weights import Weights
-from .curves import curves_of
+from .curves import Curves, curves_of
 from .denoise import denoised
 
 # Pairs of a ray and a side of the polygon that are tested at once.
@@ -149,7 +149,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     """
     from scipy.spatial import QhullError, Voronoi
 
-    [x] = curves_of(points, True).points
+    x = _polygon(points).points[0]
     number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
         raise ValueError(f"a skeleton needs a polygon in the plane, (n, 2), got {x.shape}")
@@ -234,11 +234,18 @@ def simplify_skeleton(
     >>> found.after.n_branches < found.before.n_branches / 2
     True
     """
-    curves = curves_of(points, True)
+    curves = _polygon(points)
     before = skeleton(points, detail=detail)
     told: Model = {"solver": "jacobi", **options}
     [smooth] = denoised(curves, p=p, lam=lam, max_iter=max_iter, weights=weights, fixed=fixed, **told).points
     return SkeletonSimplification(before, skeleton(smooth, detail=detail))
+
+
+def _polygon(points: npt.ArrayLike) -> Curves:
+    curves = curves_of(points, True)
+    if len(curves.points) != 1:
+        raise ValueError(f"a skeleton needs one polygon without holes, got {len(curves.points)} curves")
+    return curves
 
 
 def _inside(places: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg.curves.documents import _subpaths
 from gpureg.curves.files import CURVE_FORMATS, CurveInFile, encode_curves
+from gpureg.curves.svg import _subpaths
 
 RNG = np.random.default_rng(6)
 
@@ -35,7 +35,7 @@ def test_there_and_back(tmp_path, kind, closed):
     known = {"closed": closed[0]} if kind.startswith(".csv") and closed == [False] else {}
     found = gr.read_curves(path, **known)
     assert same(found.curves, curves)
-    assert found.degrees == (kind in (".geojson", ".json"))
+    assert found.degrees == (kind in (".geojson", ".json", ".gpx"))
     other = [CurveInFile(3 * c.points[1:] + 1, c.closed, c.more[1:]) for c in found.curves]
     gr.write_curves(path, other, like=found)
     assert same(gr.read_curves(path, **known).curves, other)
