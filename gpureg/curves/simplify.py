@@ -107,7 +107,7 @@ def simplified(
         expect_plane(curves.points)
     refused = 0
     if method == "heights":
-        height = TOLERANCE if tolerance is None else number("tolerance", tolerance, low=0)
+        height = TOLERANCE if tolerance is None else float(tolerance)
         found = kept_by_height(curves.points, curves.closed, tolerance=height, n_vertices=n_vertices, valid=valid)
         parts = [Simplified(x[kept], kept) for x, kept in zip(curves.points, found.kept, strict=True)]
         tolerance, refused = (height if n_vertices is None else None), found.refused
@@ -130,11 +130,14 @@ def _method(
     """Choose the method: settings of the process, `told`, ask for the process."""
     if method is not None:
         choice("method", method, CURVE_METHODS)
+    if tolerance is not None:
+        number("tolerance", tolerance, low=0)
     if told and (method == "heights" or tolerance is not None):
-        raise ValueError(f"{told[0]} belongs to method='process', which has no heights: give one of the two")
+        other = "tolerance" if tolerance is not None else "method='heights'"
+        raise ValueError(f"{told[0]} is for method='process', without heights: leave it out, or {other}")
     found: CurveMethod = method or ("process" if told else "heights")
     if tolerance is not None and found == "process":
-        raise ValueError("tolerance belongs to method='heights': the process has lam instead")
+        raise ValueError("tolerance is for method='heights': the process has lam instead")
     if tolerance is not None and n_vertices is not None:
         raise ValueError("give tolerance or n_vertices, not both: the number of vertices follows from the tolerance")
     return found

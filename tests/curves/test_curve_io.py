@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg.curves.files import CURVE_FORMATS, CurveInFile, encode_curves
+from gpureg.curves.contents import CURVE_FORMATS, CurveInFile
+from gpureg.curves.files import encode_curves
 from gpureg.curves.svg import _subpaths
 
 RNG = np.random.default_rng(6)
