@@ -13,8 +13,8 @@ from .noise import TELLING, is_rounded, noise_along, running_median, running_noi
 
 # Vertices nearer to the one before than this, in mean segments, repeat it.
 _SAME = 1e-6
-# An outlier, or a run of up to _RUN: all its legs longer than _FAR medians, the two outer ones longer than _PAST times
-# the way past it, each vertex more than _DEVIATIONS sigma off the middle of that way.
+# An outlier, or a run of up to _RUN: all its legs longer than _FAR medians, or the two outer ones as gaps; they
+# are longer than _PAST times the way past it; each vertex more than _DEVIATIONS sigma off the middle of that way.
 _FAR, _PAST, _DEVIATIONS, _RUN = 3.0, 1.5, 4.5, 3
 # After the fit: a standardised residual above _DEVIATIONS, both legs longer than _LEG medians and than the way past.
 _LEG = 2.0
@@ -145,17 +145,24 @@ class Cleaned:
         if m < TELLING:
             return drop
         legs = self._legs(x)
-        far = legs > _FAR * running_median(legs, self.closed)
+        median = running_median(legs, self.closed)
+        far = legs > _FAR * median
         if not far.any():
             return drop
+        gap = legs > _GAP * median
         noise = np.full(m, self._given) if self._given is not None else running_noise(x, self.closed)
         candidates: list[tuple[float, int, int]] = []
         for run in range(1, _RUN + 1):
             j = np.flatnonzero(far)
             if not self.closed:
                 j = j[j + run < len(legs)]
-            for step in range(1, run + 1):
-                j = j[far[(j + step) % m]]
+            j = j[far[(j + run) % m]]
+            # vertices may lie together if they are as far off as beyond a gap
+            apart = gap[j] & gap[(j + run) % m]
+            inner = np.ones(len(j), bool)
+            for step in range(1, run):
+                inner &= far[(j + step) % m]
+            j = j[inner | apart]
             a, b = x[j], x[(j + run + 1) % m]
             past = np.linalg.norm(b - a, axis=1)
             leg = np.minimum(legs[j], legs[(j + run) % m])

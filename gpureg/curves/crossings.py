@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import BLOCK_ENTRIES, FloatArray, IntArray
 
 # A move is halved until nothing crosses; a smaller share of it than this is none.
 _LEAST = 0.05
@@ -145,10 +146,41 @@ def shared_vertices(x: FloatArray) -> IntArray:
     return np.unique(x, axis=0, return_inverse=True)[1].reshape(-1)
 
 
+def _nested(x: FloatArray, place: IntArray, sizes: Sequence[int], closed: Sequence[bool]) -> set[tuple[int, int]]:
+    """Return the pairs of a curve, by its first vertex, inside a closed one that has no place in common with it."""
+    bounds = np.cumsum([0, *sizes])
+    parts = [x[a:b] for a, b in itertools.pairwise(bounds)]
+    places = [set(place[a:b].tolist()) for a, b in itertools.pairwise(bounds)]
+    low, high = np.array([part.min(axis=0) for part in parts]), np.array([part.max(axis=0) for part in parts])
+    first = x[bounds[:-1]]
+    found = set()
+    for j in np.flatnonzero(closed).tolist():
+        near = np.flatnonzero(((low[j] <= first) & (first <= high[j])).all(axis=1))
+        others = [i for i in near.tolist() if i != j and places[i].isdisjoint(places[j])]
+        if others:
+            inside = is_inside(first[others], parts[j])
+            found |= {(i, j) for i, own in zip(others, inside, strict=True) if own}
+    return found
+
+
+def is_inside(points: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return whether points (k, 2) are inside a polygon (n, 2) by the even-odd rule, (k,)."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    odd = np.zeros(len(points), bool)
+    step = max(1, BLOCK_ENTRIES // len(polygon))
+    for begin in range(0, len(points), step):
+        x, y = points[begin : begin + step].T[:, :, None]
+        spans = (a[:, 1] > y) != (b[:, 1] > y)
+        rise = b[:, 1] - a[:, 1]
+        at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / np.where(rise == 0, 1, rise)
+        odd[begin : begin + step] = (spans & (x < at)).sum(axis=1) % 2 == 1
+    return odd
+
+
 def without_crossings(
     x: FloatArray, moves: FloatArray, sizes: Sequence[int], closed: Sequence[bool]
 ) -> tuple[FloatArray, int]:
-    """Shorten moves of vertices until no segments meet that did not before.
+    """Shorten moves of vertices until no segments meet that did not before, and curves lie in each other as before.
 
     Parameters
     ----------
@@ -171,13 +203,19 @@ def without_crossings(
     mean[place[(moves == 0).all(axis=1)]] = 0
     segments = segments_of(sizes, closed)
     before = {tuple(pair) for pair in meeting(x, segments).tolist()}
+    nested = _nested(x, place, sizes, closed)
+    of = np.repeat(np.arange(len(sizes)), sizes)
     share = np.ones(len(mean))
     for _ in range(_ROUNDS):
-        pairs = meeting(x + (share[:, None] * mean)[place], segments)
-        new = [pair for pair in pairs.tolist() if tuple(pair) not in before]
+        moved = x + (share[:, None] * mean)[place]
+        new = [pair for pair in meeting(moved, segments).tolist() if tuple(pair) not in before]
+        ends = np.unique(place[segments[np.unique(new)]]) if new else np.empty(0, np.int64)
         if not new:
+            # a curve can have jumped over another as a whole
+            other = nested ^ _nested(moved, place, sizes, closed)
+            ends = np.unique(place[np.isin(of, list({k for pair in other for k in pair}))])
+        if not len(ends):
             break
-        ends = np.unique(place[segments[np.unique(new)]])
         share[ends] = np.where(share[ends] / 2 < _LEAST, 0, share[ends] / 2)
     else:
         share[:] = 0

@@ -11,6 +11,7 @@ from typing import Any, Literal, Unpack, get_args
 import numpy as np
 import numpy.typing as npt
 
+from ..backends import get
 from ..checks import choice, flag, integer, number
 from ..doors import door, outside, part_of
 from ..regularization.denoised import check_numbers
@@ -107,6 +108,9 @@ def simplified(
         expect_plane(curves.points)
     refused = 0
     if method == "heights":
+        if (backend := options.get("backend", "auto")) != "auto":
+            # none is needed, but a wrong name is an error
+            get(backend)
         height = TOLERANCE if tolerance is None else float(tolerance)
         found = kept_by_height(curves.points, curves.closed, tolerance=height, n_vertices=n_vertices, valid=valid)
         parts = [Simplified(x[kept], kept) for x, kept in zip(curves.points, found.kept, strict=True)]

@@ -28,7 +28,7 @@ WORK = {
     "denoise_points": lambda **options: gr.denoise_points(NOISY, **options),
     "cluster_points": lambda **options: gr.cluster_points(NOISY, **options),
     "denoise_curve": lambda **options: gr.denoise_curve(RING, **options),
-    "simplify_curve": lambda **options: gr.simplify_curve(RING, **options),
+    "simplify_curve": lambda **options: gr.simplify_curve(RING, method="process", **options),
     "simplify_skeleton": lambda **options: gr.simplify_skeleton(RING, **options),
 }
 
