@@ -1,9 +1,10 @@
-"""Find where curves in the plane cross themselves or each other: :func:`crossings`; and undo moves that cross."""
+"""Find where curves in the plane cross themselves or each other: :func:`crossings_of`; and undo moves that cross."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,34 +27,47 @@ def segments_of(sizes: Sequence[int], closed: Sequence[bool]) -> IntArray:
     return np.concatenate(found)
 
 
-def crossings(curves: Sequence[FloatArray], closed: Sequence[bool]) -> int | None:
-    """Count the pairs of segments that meet although they have no end in common; None if not in the plane.
+class Crossings(NamedTuple):
+    """Pairs of segments that meet although they have no end in common.
 
-    Parameters
+    Attributes
     ----------
-    curves : sequence of (n, d) arrays
-    closed : sequence of bool
+    before, after : int
+        Their number in the input and in the result.
+    new : int
+        The increase within curves, plus those between curves that did not cross before.
     """
-    if curves[0].shape[1] != 2:
-        return None
-    return len(meeting(np.concatenate(curves), segments_of([len(x) for x in curves], closed)))
+
+    before: int
+    after: int
+    new: int
 
 
-def crossings_of(
-    before: Sequence[FloatArray], after: Sequence[FloatArray], closed: Sequence[bool]
-) -> tuple[int, int] | None:
+def crossings_of(before: Sequence[FloatArray], after: Sequence[FloatArray], closed: Sequence[bool]) -> Crossings | None:
     """Count the crossings of curves before and after; None if not in the plane."""
-    first, last = crossings(before, closed), crossings(after, closed)
-    return None if first is None or last is None else (first, last)
+    if before[0].shape[1] != 2:
+        return None
+    first, last = _curves_that_meet(before, closed), _curves_that_meet(after, closed)
+    own = [int((pairs[:, 0] == pairs[:, 1]).sum()) for pairs in (first, last)]
+    known = set(map(tuple, first.tolist()))
+    other = sum(i != j and (i, j) not in known for i, j in last.tolist())
+    return Crossings(len(first), len(last), max(0, own[1] - own[0]) + other)
 
 
-def crossed(counts: tuple[int, int] | None, cure: str = "valid=True") -> list[str]:
-    """Say in a sentence, or none, that there are more crossings after than before, and what prevents them."""
-    if counts is None or counts[1] <= counts[0]:
+def _curves_that_meet(curves: Sequence[FloatArray], closed: Sequence[bool]) -> IntArray:
+    """Return the numbers of the curves of each pair of segments that meet, (k, 2), the smaller first."""
+    segments = segments_of([len(x) for x in curves], closed)
+    of = np.repeat(np.arange(len(curves)), [len(x) for x in curves])[segments[:, 0]]
+    found: IntArray = np.sort(of[meeting(np.concatenate(curves), segments)], axis=1)
+    return found
+
+
+def crossed(counts: Crossings | None, cure: str = "valid=True") -> list[str]:
+    """Say in a sentence, or none, that there are new crossings, and what prevents them."""
+    if counts is None or not counts.new:
         return []
-    before, after = counts
-    places = "1 place" if after == 1 else f"{after} places"
-    return [f"the result crosses itself at {places}, the input at {before}: {cure} prevents that"]
+    places = "1 place" if counts.after == 1 else f"{counts.after} places"
+    return [f"the result crosses itself at {places}, the input at {counts.before}: {cure} prevents that"]
 
 
 def expect_plane(curves: Sequence[FloatArray]) -> None:
@@ -202,17 +216,28 @@ def without_crossings(
     mean = np.stack([np.bincount(place, weights=column) / count for column in moves.T], axis=1)
     mean[place[(moves == 0).all(axis=1)]] = 0
     segments = segments_of(sizes, closed)
-    before = {tuple(pair) for pair in meeting(x, segments).tolist()}
-    nested = _nested(x, place, sizes, closed)
     of = np.repeat(np.arange(len(sizes)), sizes)
+    side = of[segments[:, 0]]
+    # curves that cross each other may do so elsewhere
+    pairs = meeting(x, segments)
+    before = set(map(tuple, pairs.tolist()))
+    crossing = set(map(tuple, side[pairs].tolist())) - {(k, k) for k in range(len(sizes))}
+    nested = _nested(x, place, sizes, closed)
     share = np.ones(len(mean))
     for _ in range(_ROUNDS):
         moved = x + (share[:, None] * mean)[place]
-        new = [pair for pair in meeting(moved, segments).tolist() if tuple(pair) not in before]
+        pairs = meeting(moved, segments)
+        new = [
+            pair
+            for pair, curves in zip(pairs.tolist(), side[pairs].tolist(), strict=True)
+            if tuple(pair) not in before and tuple(curves) not in crossing
+        ]
         ends = np.unique(place[segments[np.unique(new)]]) if new else np.empty(0, np.int64)
         if not new:
             # a curve can have jumped over another as a whole
-            other = nested ^ _nested(moved, place, sizes, closed)
+            other = {
+                pair for pair in nested ^ _nested(moved, place, sizes, closed) if tuple(sorted(pair)) not in crossing
+            }
             ends = np.unique(place[np.isin(of, list({k for pair in other for k in pair}))])
         if not len(ends):
             break

@@ -23,7 +23,7 @@ from ..regularization.regularize import regularize
 from ..solvers import Certified, Solver
 from ..weights import Weights
 from .cleaning import Found
-from .crossings import crossed, crossings_of, expect_plane, without_crossings
+from .crossings import Crossings, crossed, crossings_of, expect_plane, without_crossings
 from .curves import Curves, curves_of
 from .task import Task
 
@@ -43,7 +43,7 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
         The input curves.
     found : tuple of Found
         The outliers, gaps and repeated vertices of each curve; nothing if `lam` was given.
-    crossings : (int, int) or None
+    crossings : Crossings or None
         Pairs of segments that meet without a common end, before and after; None for curves that are not in the plane.
     shortened : int
         Number of vertices whose displacement was made shorter because of ``valid=True``.
@@ -53,7 +53,7 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
 
     curves: Curves
     found: tuple[Found, ...] = ()
-    crossings: tuple[int, int] | None = None
+    crossings: Crossings | None = None
     shortened: int = 0
 
     @property

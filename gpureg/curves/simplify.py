@@ -19,7 +19,7 @@ from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Solver
 from ..weights import Weights
-from .crossings import crossed, crossings_of, expect_plane
+from .crossings import Crossings, crossed, crossings_of, expect_plane
 from .curves import Curves, curves_of
 from .heights import kept_by_height
 from .process import CURVE_FILTERS, CurveFilter, Simplified, simplified_by_process
@@ -54,7 +54,7 @@ class CurveSimplification:
         What the process regularized.
     p : float or None
         Degree of regularity of the process.
-    crossings : (int, int) or None
+    crossings : Crossings or None
         Pairs of segments that meet without a common end, before and after; None for curves that are not in the plane.
     refused : int
         Number of vertices that were kept only because curves would cross without them.
@@ -68,7 +68,7 @@ class CurveSimplification:
     tolerance: float | None = None
     filter: CurveFilter | None = None
     p: float | None = None
-    crossings: tuple[int, int] | None = None
+    crossings: Crossings | None = None
     refused: int = 0
     n_vertices: int | None = None
 

@@ -13,6 +13,7 @@ from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray, IntArray
 from ..curves.cleaning import Found
+from ..curves.crossings import Crossings
 from ..curves.files import left_words
 from ..curves.skeletons import Skeleton
 from ..model.result import Result
@@ -57,7 +58,7 @@ class Worked:
         The height up to which vertices were removed.
     found : list of Found
         Outliers, gaps and repeated vertices of each curve, if they were denoised.
-    crossings : (int, int) or None
+    crossings : Crossings or None
         Pairs of segments that meet without a common end, before and after.
     refused : int
         Number of vertices that stay, or move less, so that curves do not cross.
@@ -74,7 +75,7 @@ class Worked:
     results: list[Result]
     tolerance: float | None = None
     found: Sequence[Found] = ()
-    crossings: tuple[int, int] | None = None
+    crossings: Crossings | None = None
     refused: int = 0
 
     def describe(self) -> str:
@@ -88,7 +89,8 @@ class Worked:
             return f"{verb}: there is no noise to remove"
         many = " in the middle" if len(set(self.lam)) > 1 else ""
         lam = f"{np.median(self.lam):.4g}{many}"
-        return f"{verb}; p = {self.p:g}, lam = {lam}, {self.results[0].iterations} iterations"
+        steps = self.results[0].iterations
+        return f"{verb}; p = {self.p:g}, lam = {lam}, {f'{steps} iterations' if steps else 'solved directly'}"
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ class CurveReport(ShapeReport):
         if worked.tolerance is not None:
             report["tolerance"] = worked.tolerance
         if worked.crossings is not None:
-            report["crossings"] = dict(zip(("before", "after"), worked.crossings, strict=True))
+            report["crossings"] = worked.crossings._asdict()
         if worked.refused:
             report["refused"] = worked.refused
         if self.left:
@@ -267,8 +269,8 @@ class CurveReport(ShapeReport):
         """Return the lines on outliers, gaps, repeated vertices, crossings, and curves that were not treated."""
         lines = [found_line(self.worked.found)] if any(map(_anything, self.worked.found)) else []
         if (counts := self.worked.crossings) is not None and max(counts):
-            option = " (--valid prevents new ones)" if counts[1] > counts[0] else ""
-            lines.append(f"crossing {counts[0]} -> {counts[1]} places where curves cross{option}")
+            option = f", {counts.new} new: --valid prevents them" if counts.new else ""
+            lines.append(f"crossing {counts.before} -> {counts.after} places where curves cross{option}")
         if self.worked.refused:
             verb = "stay" if self.worked.simplified else "move less"
             lines.append(f"valid    {self.worked.refused} vertices {verb}, so that curves do not cross")

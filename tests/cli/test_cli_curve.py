@@ -192,9 +192,9 @@ def test_simplify_by_heights_and_valid():
         told["filter"] == "vertices removed up to a height of 0.03 of a curve's diagonal" and told["tolerance"] == 0.03
     )
     assert told["crossings"]["before"] == 0 < told["crossings"]["after"] and "p" not in told
-    assert "places where curves cross (--valid prevents new ones)" in done(run("two.svg", "o.svg", "--tolerance", 0.03))
+    assert "new: --valid prevents them" in done(run("two.svg", "o.svg", "--tolerance", 0.03))
     held = report("two.svg", "out.svg", "--tolerance", 0.03, "--valid")
-    assert held["crossings"] == {"before": 0, "after": 0} and held["refused"] > 0
+    assert held["crossings"] == {"before": 0, "after": 0, "new": 0} and held["refused"] > 0
     told = report("two.svg", "out.svg", "--simplify", "--method", "process")
     assert (told["p"], len(told["lam"])) == (0.5, 2)
 

@@ -9,7 +9,7 @@ import pytest
 
 import gpureg as gr
 from gpureg.curves.chain import Chain
-from gpureg.curves.crossings import crossings, is_inside, meeting, segments_of
+from gpureg.curves.crossings import crossings_of, is_inside, meeting, segments_of
 from gpureg.curves.denoise import denoised
 
 T = np.linspace(0, 10, 300)
@@ -191,7 +191,7 @@ def test_valid_lets_nothing_cross():
         lam = np.repeat([strong, 5.0], 120)
         free, held = quiet(pair, lam=lam), quiet(pair, lam=lam, valid=True)
         assert free.crossings[0] == 0 and (free.crossings[1] > 0) == crosses, "or the hole is outside as a whole"
-        assert held.crossings == (0, 0) and held.shortened > 0
+        assert held.crossings == (0, 0, 0) and held.shortened > 0
         assert is_inside(held.points[1], held.points[0]).all()
     lam = np.repeat([0.4, 5.0], 120)
     with pytest.warns(UserWarning, match="crosses itself at .* valid=True prevents that"):
@@ -202,6 +202,11 @@ def test_valid_lets_nothing_cross():
         warnings.simplefilter("ignore")
         one, two = gr.denoise_curve([up, down], closed=True, sigma=0.02, valid=True, backend="numpy")
     np.testing.assert_array_equal(one[:41], two[:41][::-1])
-    assert crossings([one, two], [True, True]) == 0
+    assert crossings_of([up, down], [one, two], [True, True]) == (0, 0, 0)
+    # tracks that cross may cross elsewhere
+    other = NOISY * [1, -1]
+    both = quiet([NOISY, other], closed=False)
+    assert both.crossings.before > both.crossings.after > 0 == both.crossings.new
+    assert off(quiet([NOISY, other], closed=False, valid=True).points[0], SINE) < 1.1 * UNDISTURBED
     with pytest.raises(ValueError, match="valid=True is for curves in the plane"):
         gr.denoise_curve(np.c_[NOISY, T], valid=True)

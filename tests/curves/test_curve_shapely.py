@@ -22,7 +22,9 @@ def test_the_same_kind_comes_out(kind):
         "LinearRing": DISC.exterior,
         "Polygon": RING,
         "MultiPolygon": shapely.MultiPolygon([RING, shapely.affinity.translate(RING, 5)]),
-        "GeometryCollection": shapely.GeometryCollection([RING, point, LINE, shapely.LineString()]),
+        "GeometryCollection": shapely.GeometryCollection(
+            [RING, point, shapely.affinity.translate(LINE, 5), shapely.LineString()]
+        ),
     }[kind]
     for value in (gr.denoise_curve(shape, backend="numpy"), gr.simplify_curve(shape, valid=True, tolerance=0.02)):
         assert value.geom_type == kind and value.is_valid
