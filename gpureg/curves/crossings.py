@@ -14,6 +14,8 @@ from ..arrays import BLOCK_ENTRIES, FloatArray, IntArray
 # A move is halved until nothing crosses; a smaller share of it than this is none.
 _LEAST = 0.05
 _ROUNDS = 200
+# Pairs of segments that are compared, and 100 for each segment more.
+_MOST_PAIRS = 5_000_000
 
 
 def segments_of(sizes: Sequence[int], closed: Sequence[bool]) -> IntArray:
@@ -36,29 +38,39 @@ class Crossings(NamedTuple):
         Their number in the input and in the result.
     new : int
         The increase within curves, plus those between curves that did not cross before.
+    between : bool
+        Whether crossings between curves are among them; not if very many curves lie together.
     """
 
     before: int
     after: int
     new: int
+    between: bool = True
 
 
 def crossings_of(before: Sequence[FloatArray], after: Sequence[FloatArray], closed: Sequence[bool]) -> Crossings | None:
-    """Count the crossings of curves before and after; None if not in the plane."""
+    """Count the crossings of curves before and after; None if not in the plane, or if too many lie together."""
     if before[0].shape[1] != 2:
         return None
-    first, last = _curves_that_meet(before, closed), _curves_that_meet(after, closed)
-    own = [int((pairs[:, 0] == pairs[:, 1]).sum()) for pairs in (first, last)]
-    known = set(map(tuple, first.tolist()))
-    other = sum(i != j and (i, j) not in known for i, j in last.tolist())
-    return Crossings(len(first), len(last), max(0, own[1] - own[0]) + other)
+    for between in (True, False) if len(before) > 1 else (True,):
+        first = _curves_that_meet(before, closed, between)
+        last = None if first is None else _curves_that_meet(after, closed, between)
+        if first is not None and last is not None:
+            own = [int((pairs[:, 0] == pairs[:, 1]).sum()) for pairs in (first, last)]
+            known = set(map(tuple, first.tolist()))
+            other = sum(i != j and (i, j) not in known for i, j in last.tolist())
+            return Crossings(len(first), len(last), max(0, own[1] - own[0]) + other, between)
+    return None
 
 
-def _curves_that_meet(curves: Sequence[FloatArray], closed: Sequence[bool]) -> IntArray:
+def _curves_that_meet(curves: Sequence[FloatArray], closed: Sequence[bool], between: bool) -> IntArray | None:
     """Return the numbers of the curves of each pair of segments that meet, (k, 2), the smaller first."""
     segments = segments_of([len(x) for x in curves], closed)
     of = np.repeat(np.arange(len(curves)), [len(x) for x in curves])[segments[:, 0]]
-    found: IntArray = np.sort(of[meeting(np.concatenate(curves), segments)], axis=1)
+    pairs = meeting(np.concatenate(curves), segments, None if between else of)
+    if pairs is None:
+        return None
+    found: IntArray = np.sort(of[pairs], axis=1)
     return found
 
 
@@ -76,7 +88,7 @@ def expect_plane(curves: Sequence[FloatArray]) -> None:
         raise ValueError(f"valid=True is for curves in the plane, (n, 2), got {curves[0].shape[1]} coordinates")
 
 
-def meeting(x: FloatArray, segments: IntArray) -> IntArray:
+def meeting(x: FloatArray, segments: IntArray, within: IntArray | None = None) -> IntArray | None:
     """Find pairs of segments that meet without a common end.
 
     Parameters
@@ -84,11 +96,13 @@ def meeting(x: FloatArray, segments: IntArray) -> IntArray:
     x : (n, 2) float array
     segments : (s, 2) int array
         The two vertices of each.
+    within : (s,) int array, optional
+        Only segments with the same number are compared.
 
     Returns
     -------
-    (k, 2) int array
-        Pairs of numbers of segments, sorted.
+    (k, 2) int array or None
+        Pairs of numbers of segments, sorted; None if so many lie together that comparing them would take minutes.
 
     Notes
     -----
@@ -114,12 +128,18 @@ def meeting(x: FloatArray, segments: IntArray) -> IntArray:
     # a piece is in at most four squares
     squares = np.concatenate([np.stack([a[:, 0], b[:, 1]], axis=1) for a in (one, two) for b in (one, two)])
     squares -= squares.min(axis=0)
-    key = squares[:, 0] * (int(squares[:, 1].max()) + 1) + squares[:, 1]
     which = np.tile(of, 4)
+    key = squares[:, 0] * (int(squares[:, 1].max()) + 1) + squares[:, 1]
+    if within is not None:
+        # the squares of one group after those of another
+        key = np.unique(key, return_inverse=True)[1].reshape(-1) + len(key) * within[which]
     order = np.lexsort((which, key))
     key, which = key[order], which[order]
     new = np.concatenate([[True], (np.diff(key) != 0) | (np.diff(which) != 0)])
     key, which = key[new], which[new]
+    together = np.unique(key, return_counts=True)[1]
+    if (together * (together - 1) // 2).sum() > _MOST_PAIRS + 100 * len(segments):
+        return None
     low, high = np.minimum(start, end), np.maximum(start, end)
     found = [np.empty((0, 2), np.int64)]
     at = np.arange(len(key) - 1)
@@ -177,6 +197,14 @@ def _nested(x: FloatArray, place: IntArray, sizes: Sequence[int], closed: Sequen
     return found
 
 
+def _expected(pairs: IntArray | None) -> IntArray:
+    if pairs is None:
+        raise ValueError(
+            "valid=True needs curves that are apart: too many of these lie at the same place to compare them"
+        )
+    return pairs
+
+
 def is_inside(points: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
     """Return whether points (k, 2) are inside a polygon (n, 2) by the even-odd rule, (k,)."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
@@ -219,14 +247,14 @@ def without_crossings(
     of = np.repeat(np.arange(len(sizes)), sizes)
     side = of[segments[:, 0]]
     # curves that cross each other may do so elsewhere
-    pairs = meeting(x, segments)
+    pairs = _expected(meeting(x, segments))
     before = set(map(tuple, pairs.tolist()))
     crossing = set(map(tuple, side[pairs].tolist())) - {(k, k) for k in range(len(sizes))}
     nested = _nested(x, place, sizes, closed)
     share = np.ones(len(mean))
     for _ in range(_ROUNDS):
         moved = x + (share[:, None] * mean)[place]
-        pairs = meeting(moved, segments)
+        pairs = _expected(meeting(moved, segments))
         new = [
             pair
             for pair, curves in zip(pairs.tolist(), side[pairs].tolist(), strict=True)

@@ -270,7 +270,8 @@ class CurveReport(ShapeReport):
         lines = [found_line(self.worked.found)] if any(map(_anything, self.worked.found)) else []
         if (counts := self.worked.crossings) is not None and max(counts):
             option = f", {counts.new} new: --valid prevents them" if counts.new else ""
-            lines.append(f"crossing {counts.before} -> {counts.after} places where curves cross{option}")
+            what = "curves cross" if counts.between else "a curve crosses itself (others were not counted)"
+            lines.append(f"crossing {counts.before} -> {counts.after} places where {what}{option}")
         if self.worked.refused:
             verb = "stay" if self.worked.simplified else "move less"
             lines.append(f"valid    {self.worked.refused} vertices {verb}, so that curves do not cross")

@@ -194,7 +194,7 @@ def test_simplify_by_heights_and_valid():
     assert told["crossings"]["before"] == 0 < told["crossings"]["after"] and "p" not in told
     assert "new: --valid prevents them" in done(run("two.svg", "o.svg", "--tolerance", 0.03))
     held = report("two.svg", "out.svg", "--tolerance", 0.03, "--valid")
-    assert held["crossings"] == {"before": 0, "after": 0, "new": 0} and held["refused"] > 0
+    assert held["crossings"] == {"before": 0, "after": 0, "new": 0, "between": True} and held["refused"] > 0
     told = report("two.svg", "out.svg", "--simplify", "--method", "process")
     assert (told["p"], len(told["lam"])) == (0.5, 2)
 

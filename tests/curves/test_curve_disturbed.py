@@ -179,6 +179,20 @@ def test_crossings_are_those_of_all_pairs(n):
             for q in (a, b):
                 met &= (p[i] != q[j]).any(axis=1)
         np.testing.assert_array_equal(meeting(x, segments), np.stack([i[met], j[met]], axis=1))
+        parts = np.arange(n) % 3
+        same = met & (parts[i] == parts[j])
+        np.testing.assert_array_equal(meeting(x, segments, parts), np.stack([i[same], j[same]], axis=1))
+
+
+def test_very_many_curves_at_one_place_are_not_compared():
+    """All pairs of 400 circles of 40 vertices: each is compared with itself only."""
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    curves = [circle + 1e-3 * k for k in range(400)]
+    found = crossings_of(curves, curves, [True] * 400)
+    assert found == (0, 0, 0, False)
+    with pytest.raises(ValueError, match="valid=True needs curves that are apart"):
+        gr.denoise_curve(curves, valid=True, sigma=0.1, backend="numpy")
 
 
 def test_valid_lets_nothing_cross():
@@ -191,7 +205,7 @@ def test_valid_lets_nothing_cross():
         lam = np.repeat([strong, 5.0], 120)
         free, held = quiet(pair, lam=lam), quiet(pair, lam=lam, valid=True)
         assert free.crossings[0] == 0 and (free.crossings[1] > 0) == crosses, "or the hole is outside as a whole"
-        assert held.crossings == (0, 0, 0) and held.shortened > 0
+        assert held.crossings == (0, 0, 0, True) and held.shortened > 0
         assert is_inside(held.points[1], held.points[0]).all()
     lam = np.repeat([0.4, 5.0], 120)
     with pytest.warns(UserWarning, match="crosses itself at .* valid=True prevents that"):
@@ -202,7 +216,7 @@ def test_valid_lets_nothing_cross():
         warnings.simplefilter("ignore")
         one, two = gr.denoise_curve([up, down], closed=True, sigma=0.02, valid=True, backend="numpy")
     np.testing.assert_array_equal(one[:41], two[:41][::-1])
-    assert crossings_of([up, down], [one, two], [True, True]) == (0, 0, 0)
+    assert crossings_of([up, down], [one, two], [True, True]) == (0, 0, 0, True)
     # tracks that cross may cross elsewhere
     other = NOISY * [1, -1]
     both = quiet([NOISY, other], closed=False)
