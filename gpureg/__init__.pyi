@@ -2,8 +2,9 @@
 from . import metrics, operators, plot, presets, skimage, sources, spectral, tuning, weights
 from ._version import __version__
 from .backends import BackendUnavailable
+from .curves.contents import CurveError, CurveInFile, CurvesFile
 from .curves.denoise import denoise_curve
-from .curves.files import CurveError, CurveInFile, CurvesFile, read_curves, write_curves
+from .curves.files import read_curves, write_curves
 from .curves.simplify import simplify_curve
 from .curves.skeletons import Skeleton, simplify_skeleton, skeleton
 from .graphs.csr import Graph

@@ -75,6 +75,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "tifffile": ("files/tiff.py", "files/tiff_writing.py", "files/slabs.py"),
     "imagecodecs": ("files/png.py", "files/jpeg2000.py"),
     "networkx": ("graphs/networkx.py",),
+    "shapely": ("curves/shapely.py",),
     "pyamg": ("solvers/multigrid.py",),
     "rich": ("cli/backends.py", "progress.py"),
     "click": ("cli/",),

@@ -17,7 +17,7 @@ from ..points.filters import POINT_FILTERS
 from . import options
 from .group import sentences
 from .options import FILE
-from .terminal import tell
+from .terminal import tell, tell_many
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -102,11 +102,4 @@ def points(
     if len(names) == 1 and not is_pattern(names[0]) and not os.path.isdir(out):
         tell(sentences(lambda: points_file(Path(names[0]), Path(out), settings, progress=show)), as_json, quiet)
         return
-    outcome = sentences(lambda: points_files(expand(names), Path(out), settings, progress=show))
-    if outcome.failed:
-        click.echo(f"gpureg: {outcome.failures()}", err=True)
-    if outcome.interrupted:
-        click.echo(f"gpureg: interrupted, {len(outcome.done)} of {outcome.count} files were done", err=True)
-        raise click.exceptions.Exit(130)
-    tell(outcome, as_json, quiet)
-    raise click.exceptions.Exit(1 if outcome.failed else 0)
+    tell_many(sentences(lambda: points_files(expand(names), Path(out), settings, progress=show)), as_json, quiet)

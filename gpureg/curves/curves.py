@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, checked_points
+from ..arrays import FloatArray, IntArray, checked_points
+from ..checks import flag
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import curve_graph
 from ..shapes.ends import Ends, ends_of
+from .shapely import Shapes, shapes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +31,20 @@ class Curves:
         The floating-point type in which each curve is returned.
     several : bool
         Whether the input was a list.
+    shapes : Shapes or None
+        The objects of shapely to which the curves belong.
     """
 
     points: list[FloatArray]
     ends: list[Ends]
     dtypes: list[np.dtype[Any]]
     several: bool
+    shapes: Shapes | None = None
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The parts of the input that cannot be treated and stay as they are, each with the reason."""
+        return () if self.shapes is None else self.shapes.left
 
     @property
     def closed(self) -> list[bool]:
@@ -59,8 +69,13 @@ class Curves:
         """Split a function on the vertices of all curves, (n,) or (n, m), into one per curve."""
         return np.split(f, np.cumsum([len(x) for x in self.points[:-1]]))
 
-    def as_came(self, values: list[FloatArray]) -> Any:
-        """Return (n, d) vertices per curve in the form of the input: its types, repeated vertices, list or not."""
+    def as_came(self, values: list[FloatArray], kept: list[IntArray] | None = None) -> Any:
+        """Return (k, d) vertices per curve in the form of the input: its types, repeated vertices, list or not.
+
+        `kept` are the (k,) indices of the vertices in the input, if there are fewer.
+        """
+        if self.shapes is not None:
+            return self.shapes.make(values, [np.arange(len(x)) for x in values] if kept is None else kept)
         made = [
             (np.concatenate([x, x[:1]]) if ends.repeated else x).astype(dtype)
             for x, ends, dtype in zip(values, self.ends, self.dtypes, strict=True)
@@ -73,7 +88,7 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
 
     Parameters
     ----------
-    points : (n, d) array, list of (n, d) arrays, or Curves
+    points : (n, d) array, list of (n, d) arrays, object of shapely or a list of them, or Curves
     closed : bool, optional
         As in :func:`gpureg.shapes.ends.ends_of`, for each curve.
 
@@ -84,6 +99,9 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
     """
     if isinstance(points, Curves):
         return points
+    objects = shapes_of(points)
+    if objects is not None:
+        return _of_shapes(objects, closed)
     several = isinstance(points, list | tuple) and all(np.ndim(x) == 2 for x in points)
     given: list[Any] = list(points) if several else [points]  # type: ignore[arg-type]
     if not given:
@@ -105,3 +123,11 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
     if len({x.shape[1] for x in parts}) > 1:
         raise ValueError(f"all curves must have the same dimension, got {sorted({x.shape[1] for x in parts})}")
     return Curves(parts, shapes, dtypes, several)
+
+
+def _of_shapes(shapes: Shapes, closed: bool | None) -> Curves:
+    if closed is not None and any(line.closed != flag("closed", closed) for line in shapes.lines):
+        raise ValueError("an object of shapely says by itself which curves are closed: leave closed= out")
+    points = [line.rows[:, :2] for line in shapes.lines]
+    ends = [replace(ends_of(x, line.closed), why="source") for x, line in zip(points, shapes.lines, strict=True)]
+    return Curves(points, ends, [np.dtype(np.float64)] * len(points), True, shapes)

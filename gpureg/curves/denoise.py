@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
+import functools
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Unpack
 
@@ -12,23 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, checked_flags
+from ..backends import BackendUnavailable
 from ..checks import flag
-from ..doors import door, part_of
-from ..graphs.of_shapes import curve_graph
+from ..doors import door, outside, part_of
 from ..model.result import Result
-from ..noise.graphs import noise_on_graph
 from ..regularization.denoised import Denoised, check_numbers, checked_fidelity
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Certified, Solver
 from ..weights import Weights
+from .cleaning import Found
+from .crossings import Crossings, crossed, crossings_of, expect_plane, without_crossings
 from .curves import Curves, curves_of
-
-# With fewer vertices noise cannot be distinguished from shape.
-_TELLING = 12
-
-# Candidates for the default fidelity: ten per decade.
-_FIDELITIES = np.logspace(-5, 4, 91)
+from .task import Task
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,16 +36,25 @@ class CurveDenoising(Denoised[tuple[float, ...]]):
     ----------
     filter : {"positions"}
     sigma : tuple of float
-        Noise of each curve: given, or estimated.
+        Noise of each curve: given, or estimated; the median over its vertices.
     lam : tuple of float, or (n,) array
-        Fidelity of each curve, or of each vertex if `lam` was an array.
+        Fidelity of each curve, the median over the vertices that can move; one per vertex if `lam` was an array.
     curves : Curves
         The input curves.
+    found : tuple of Found
+        The outliers, gaps and repeated vertices of each curve; nothing if `lam` was given.
+    crossings : Crossings or None
+        Pairs of segments that meet without a common end, before and after; None for curves that are not in the plane.
+    shortened : int
+        Number of vertices whose displacement was made shorter because of ``valid=True``.
     """
 
     WHAT: ClassVar[Mapping[str, str]] = {"positions": "positions of the vertices"}
 
     curves: Curves
+    found: tuple[Found, ...] = ()
+    crossings: Crossings | None = None
+    shortened: int = 0
 
     @property
     def points(self) -> list[FloatArray]:
@@ -70,6 +76,7 @@ def denoised(
     weights: Weights | npt.ArrayLike | None = None,
     fixed: npt.ArrayLike | None = None,
     keep_ends: bool = True,
+    valid: bool = False,
     norm: Literal["vertex", "edge"] = "vertex",
     eps: float | None = None,
     solver: str | Solver | None = None,
@@ -81,55 +88,86 @@ def denoised(
     begin = time.perf_counter()
     curves = curves_of(points, closed)
     check_numbers({"eps": eps, "tol": tol}, p=p, sigma=sigma, max_iter=max_iter)
-    graph = curves.graph()
-    n = graph.n_vertices
-    shapes = list(zip(curves.points, curves.closed, strict=True))
-    noise = tuple(_noise(x, shut) if sigma is None else float(sigma) for x, shut in shapes)
-    asked: tuple[float, ...] | FloatArray
+    n = sum(map(len, curves.points))
     given = None if lam is None else checked_fidelity(lam, n)
-    if isinstance(given, np.ndarray):
-        asked = given
-        fidelity = given.copy()
-    else:
-        if given is None:
-            asked = tuple(_fidelity(x, shut, s, float(p)) for (x, shut), s in zip(shapes, noise, strict=True))
-        else:
-            asked = (given,) * len(shapes)
-        fidelity = np.repeat(asked, [len(x) for x in curves.points])
-    if fixed is not None:
-        fidelity[checked_flags("fixed", fixed, n)] = math.inf
-    if flag("keep_ends", keep_ends):
-        fidelity[np.diff(graph.indptr) == 1] = math.inf
+    held = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
+    task = Task.of(curves, given, sigma, float(p), held, flag("keep_ends", keep_ends), _is_array(weights))
     results: tuple[Result, ...] = ()
-    value = together = np.concatenate(curves.points)
-    if not np.isinf(fidelity).all():
+    moved = task.f0
+    if not np.isinf(task.fidelity).all():
+        initial = None
         if solver is None:
-            exact = p >= 1 and fidelity.min() > 0
+            exact = p >= 1 and task.fidelity.min() > 0
             solver = Certified(tol=1e-6) if exact else "jacobi"
             max_iter = 1000 if max_iter is None and not exact else max_iter
-        f0 = graph.positions
-        assert f0 is not None
+            initial = task.minimiser if weights is None else None
         # one number if all are equal: the fastest kernels and direct solvers need that
-        held: float | FloatArray = float(fidelity[0]) if (fidelity == fidelity[0]).all() else fidelity
-        result = regularize(
-            f0, graph, p=p, lam=held, weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol,
-            **options,
+        same = (task.fidelity == task.fidelity[0]).all()
+        run = functools.partial(
+            regularize, task.f0, task.graph, p=p, lam=float(task.fidelity[0]) if same else task.fidelity,
+            weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, initial=initial,
         )  # fmt: skip
+        result = _in_double(run, options) if initial is not None else run(**options)
         results = (result,)
         # pinned vertices are returned unchanged, bit for bit
-        value = together + np.where(np.isinf(fidelity)[:, None], 0.0, result.value - f0)
+        moved = np.where(np.isinf(task.fidelity)[:, None], task.f0, result.value)
+    together = np.concatenate(curves.points)
+    moves, shortened = task.displacements(moved), 0
+    if flag("valid", valid):
+        expect_plane(curves.points)
+        moves, shortened = without_crossings(together, moves, [len(x) for x in curves.points], curves.closed)
+    value = together + moves
     return CurveDenoising(
         value=value,
         filter="positions",
-        sigma=noise,
+        sigma=task.sigma,
         estimated=sigma is None,
         p=float(p),
-        lam=asked,
+        lam=given if isinstance(given, np.ndarray) else task.lam,
         results=results,
         displacement=np.linalg.norm(value - together, axis=1),
         seconds=time.perf_counter() - begin,
         curves=curves,
+        found=task.found,
+        crossings=crossings_of(curves.points, curves.split(value), curves.closed),
+        shortened=shortened,
     )
+
+
+def _in_double(run: Callable[..., Result], options: Run) -> Result:
+    """Run from the minimiser, which float64 proves to be one at once, if the device has float64."""
+    if options.get("dtype") is not None:
+        return run(**options)
+    try:
+        return run(**{**options, "dtype": np.float64})
+    except BackendUnavailable:
+        return run(**options)
+
+
+def _is_array(weights: Any) -> bool:
+    return weights is not None and not isinstance(weights, Weights)
+
+
+def warnings_of(found: CurveDenoising) -> list[str]:
+    """List in sentences what a user must know of the result."""
+    told = list(found.curves.left)
+    for k, one in enumerate(found.found):
+        which = f"curve {k}" if found.curves.several else "the curve"
+        if len(one.outliers):
+            numbers = ", ".join(map(str, one.outliers[:5].tolist())) + (", ..." if len(one.outliers) > 5 else "")
+            count = f"{len(one.outliers)} vertices are outliers" if len(one.outliers) > 1 else "1 vertex is an outlier"
+            told.append(
+                f"{which}: {count} ({numbers}): left out, and put between the neighbours; lam= keeps every vertex"
+            )
+        if one.opened:
+            told.append(
+                f"{which} is closed as given, but its ends are {found.curves.ends[k].gap:.3g} apart, far more than "
+                "other vertices: it was not smoothed across them"
+            )
+    told += crossed(found.crossings)
+    if found.shortened:
+        told.append(f"{found.shortened} vertices moved less than they would, so that the result does not cross itself")
+    return told
 
 
 @door(options=RUN)
@@ -140,8 +178,8 @@ def denoise_curve(found: CurveDenoising) -> Any:
     Parameters
     ----------
     points : (n, d) array, or a list of (n, d) arrays
-        The vertices in order, in any dimension. A list, such as the outlines of ``skimage.measure.find_contours``, is
-        regularized as one graph, with the noise of each curve.
+        The vertices in order, in any dimension; or a line or polygon of shapely, also several. A list, such as the
+        outlines of ``skimage.measure.find_contours``, is regularized as one graph, with the noise of each curve.
     closed : bool, optional
         Whether the last vertex is joined to the first. None: decided for each curve. A curve is closed if the first
         vertex is repeated at the end (to 1e-6 of the mean segment), or if the distance of the ends is at most twice the
@@ -153,22 +191,27 @@ def denoise_curve(found: CurveDenoising) -> Any:
         infinity pins. 0 is Laplacian smoothing, which shrinks the curve (figure 5), and needs `max_iter`. None:
         computed from the noise, see Notes.
     sigma : float, optional
-        Standard deviation of the noise of each coordinate. None: estimated for each curve from second differences; 0
-        for curves of fewer than 12 vertices.
+        Standard deviation of the noise of each coordinate. None: estimated from differences of the fourth order, in
+        each curve and, where it varies, along the curve; 0 for curves of fewer than 12 vertices.
     weights : Weights or array, optional
-        An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge. None: 1.
+        An object of :mod:`gpureg.weights` on the graph of the curves, or one value per directed edge, with which the
+        curves are taken as they are. None: 1.
     fixed : (n,) bool array, optional
         Vertices, of one curve after another, whose position does not change.
     keep_ends : bool, default True
         Whether to fix the ends of open curves.
+    valid : bool, default False
+        In the plane: shorten the moves that make curves cross which did not before, and move vertices at the same
+        place, such as those of a common border, together.
     solver : str or Solver, optional
         None: ``gpureg.Certified(tol=1e-6)``, the minimiser, for p >= 1 and lam > 0; otherwise "jacobi".
     norm, eps, max_iter, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. If "jacobi" is the default solver, the default of `max_iter` is 1000.
+        As in :func:`gpureg.regularize`. If "jacobi" is the default solver, the default of `max_iter` is 1000. Without
+        `lam`, `weights` and `solver` the default `dtype` for p = 2 is float64, if the device has it.
 
     Returns
     -------
-    array like `points`, or a list of arrays
+    array like `points`, or a list of arrays, or objects of shapely
 
     Raises
     ------
@@ -177,16 +220,29 @@ def denoise_curve(found: CurveDenoising) -> Any:
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
+    Warns
+    -----
+    UserWarning
+        Outliers were found; the ends of a curve given as closed are far apart; the result crosses itself at more places
+        than the input; moves were shortened because of `valid`.
+
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for the positions. At p = 2 and w = 1 this multiplies the curve's
-    Fourier coefficients (open curves: cosine coefficients) by h = lam / (lam + 2 mu), with mu = 2 - 2 cos of their
-    frequency. The default lam, one of ten per decade, minimises Stein's unbiased estimate of the error::
+    Minimises the energy of :func:`gpureg.regularize` for the positions. Without `lam`, a few vertices do not decide for
+    the rest: consecutive vertices that are equal to 1e-6 of the mean segment count once. Outliers, up to three vertices
+    with legs of more than three median segments that lead there and back, and vertices more than 4.5 sigma off the fit,
+    are left out. A segment of more than eight times the median of the five before and of the five after is a gap, which
+    is not smoothed across.
 
-        sum (1 - h)^2 |F|^2 + 2 sigma^2 d sum h
+    The default lam minimises Stein's unbiased estimate of the error, in units of the variance::
 
-    For another p it is that lam times G^(p - 2), with G the root mean square of the gradient norm of that result, so
-    that both smooth equally where the gradient is G.
+        sum |u - f|^2 / sigma^2 + 2 d sum h
+
+    with the result u at p = 2 and the leverages h, the derivatives of u by f at the same vertex. It is one number, one
+    of ten per decade, for each piece between gaps, times sigma^-2 where the noise varies along the piece. It varies
+    along a piece itself where that lowers the estimate clearly, as in curves with several densities of vertices. For
+    another p it is the number for the piece times G^(p - 2), with G the root mean square of the gradient norm of that
+    result, so that both smooth equally where the gradient is G.
 
     Examples
     --------
@@ -198,29 +254,6 @@ def denoise_curve(found: CurveDenoising) -> Any:
     >>> bool(np.abs(clean - circle).mean() < 0.4 * np.abs(noisy - circle).mean())
     True
     """
+    for sentence in warnings_of(found):
+        warnings.warn(sentence, UserWarning, stacklevel=outside())
     return found.curves.as_came(found.points)
-
-
-def _noise(x: FloatArray, closed: bool) -> float:
-    # a square has four large second differences and no noise
-    return noise_on_graph(x - x.mean(axis=0), curve_graph(x, closed)) if len(x) >= _TELLING else 0.0
-
-
-def _fidelity(x: FloatArray, closed: bool, sigma: float, p: float) -> float:
-    """Compute the default fidelity of :func:`denoise_curve` for one curve, (n, d)."""
-    from scipy import fft
-
-    if not sigma > 0:
-        return math.inf
-    n, d = x.shape
-    f = x - x.mean(axis=0)
-    power = np.abs(fft.fft(f, axis=0, norm="ortho") if closed else fft.dct(f, axis=0, norm="ortho")) ** 2
-    power = power.sum(axis=1)
-    mu = 2 - 2 * np.cos((2 if closed else 1) * np.pi * np.arange(n) / n)
-    h = _FIDELITIES[:, None] / (_FIDELITIES[:, None] + 2 * mu)
-    best = int(np.argmin(((1 - h) ** 2 * power).sum(axis=1) + 2 * sigma**2 * d * h.sum(axis=1)))
-    lam = float(_FIDELITIES[best])
-    if p == 2:
-        return lam
-    slope = math.sqrt(2 * float((mu * h[best] ** 2 * power).sum()) / n)
-    return lam * slope ** (p - 2) if slope > 0 else math.inf

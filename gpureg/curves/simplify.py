@@ -1,67 +1,40 @@
-"""Simplify polygonal curves, by p < 1: :func:`simplify_curve` (section 5.3, figure 7)."""
+"""Simplify polygonal curves: :func:`simplify_curve` (section 5.3, figure 7)."""
 
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
-from ..checks import choice, integer, number
-from ..doors import door, part_of
-from ..graphs.csr import Graph
-from ..model.result import Result
+from ..backends import get
+from ..checks import choice, flag, integer, number
+from ..doors import door, outside, part_of
+from ..regularization.denoised import check_numbers
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..solvers import Solver
 from ..weights import Weights
+from .crossings import Crossings, crossed, crossings_of, expect_plane
 from .curves import Curves, curves_of
+from .heights import kept_by_height
+from .process import CURVE_FILTERS, CurveFilter, Simplified, simplified_by_process
 
-CurveFilter = Literal["directions", "positions"]
-CURVE_FILTERS: tuple[CurveFilter, ...] = get_args(CurveFilter)
+CurveMethod = Literal["heights", "process"]
+CURVE_METHODS: tuple[CurveMethod, ...] = get_args(CurveMethod)
 
-# The default type to compute in: there are many small steps.
+# The default height: at this one the coasts of Iceland and Great Britain keep 30 and 20 percent of their vertices, and
+# lie nearer to the input, in area and in distance, than by the process, which keeps 26 and 24 percent.
+TOLERANCE = 0.0015
+# The default type of the process: there are many small steps.
 STEPS = np.float64
-
-# Default fidelities: they keep 28 and 31 percent of the vertices of Great Britain's coast.
-_LAM: dict[CurveFilter, float] = {"directions": 3.0, "positions": 0.1}
-
-# One run of the model on a function and a graph.
-Process = Callable[..., Result]
-
-# Smaller differences count as 0: 3 degrees between directions, a twentieth of the mean segment between positions.
-_JUMP = 0.05
-
-# With `n_vertices`: the fidelity is searched between the default and this multiple of it, with this number of
-# bisections, after the first round that leaves too few vertices, or more than the last share of those it had.
-_MOST, _HALVINGS, _STUCK = 1e4, 10, 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class Simplified:
-    """A simplified curve.
-
-    Attributes
-    ----------
-    points : (k, d) float array
-        The vertices kept.
-    kept : (k,) int array
-        Their indices in the input.
-    lam : float
-        The fidelity used, in the scale of :func:`simplify_curve`.
-    result : Result
-        The run; without `n_vertices` one run for all curves.
-    """
-
-    points: FloatArray
-    kept: IntArray
-    lam: float
-    result: Result
+_PROCESS: dict[str, Any] = {
+    "p": 0.5, "norm": "edge", "eps": 1e-3, "solver": "jacobi", "max_iter": 2000, "tol": 1e-6, "dtype": STEPS,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,56 +45,130 @@ class CurveSimplification:
     ----------
     curves : Curves
         The input curves.
-    filter : {"directions", "positions"}
-        What was regularized.
-    p : float
+    method : {"heights", "process"}
     parts : list of Simplified
         The simplified curves.
+    tolerance : float or None
+        The height of "heights" without `n_vertices`.
+    filter : {"directions", "positions"} or None
+        What the process regularized.
+    p : float or None
+        Degree of regularity of the process.
+    crossings : Crossings or None
+        Pairs of segments that meet without a common end, before and after; None for curves that are not in the plane.
+    refused : int
+        Number of vertices that were kept only because curves would cross without them.
+    n_vertices : int or None
+        The number asked for.
     """
 
     curves: Curves
-    filter: CurveFilter
-    p: float
+    method: CurveMethod
     parts: list[Simplified]
+    tolerance: float | None = None
+    filter: CurveFilter | None = None
+    p: float | None = None
+    crossings: Crossings | None = None
+    refused: int = 0
+    n_vertices: int | None = None
 
 
 def simplified(
     points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves,
     *,
     closed: bool | None = None,
-    filter: CurveFilter = "directions",
-    p: float = 0.5,
-    lam: float | None = None,
+    method: CurveMethod | None = None,
+    tolerance: float | None = None,
     n_vertices: int | None = None,
+    valid: bool = False,
+    filter: CurveFilter | None = None,
+    p: float | None = None,
+    lam: float | None = None,
     weights: Weights | npt.ArrayLike | None = None,
-    norm: Literal["vertex", "edge"] = "edge",
-    eps: float = 1e-3,
-    solver: str | Solver = "jacobi",
-    max_iter: int = 2000,
-    tol: float | None = 1e-6,
+    norm: Literal["vertex", "edge"] | None = None,
+    eps: float | None = None,
+    solver: str | Solver | None = None,
+    max_iter: int | None = None,
+    tol: float | None = None,
     **options: Unpack[Run],
 ) -> CurveSimplification:
     """Simplify curves and return a full report; the parameters and errors are those of :func:`simplify_curve`."""
+    model: dict[str, Any] = {"p": p, "weights": weights, "norm": norm, "eps": eps, "solver": solver}
+    model |= {"max_iter": max_iter, "tol": tol}
+    told = [name for name, value in ({"filter": filter, "lam": lam} | model).items() if value is not None]
+    method = _method(method, told, tolerance, n_vertices)
     curves = curves_of(points, closed)
-    choice("filter", filter, CURVE_FILTERS)
+    check_numbers({"eps": eps, "tol": tol}, p=p, max_iter=max_iter)
     if lam is not None and n_vertices is not None:
         raise ValueError("give lam or n_vertices, not both: the number of vertices follows from lam")
     if lam is not None and not number("lam", lam, finite=False) > 0:
         raise ValueError(f"lam must be > 0: with 0 all vertices meet; got {lam}")
+    _expect_shapes(curves, n_vertices)
+    if flag("valid", valid):
+        expect_plane(curves.points)
+    refused = 0
+    if method == "heights":
+        if (backend := options.get("backend", "auto")) != "auto":
+            # none is needed, but a wrong name is an error
+            get(backend)
+        height = TOLERANCE if tolerance is None else float(tolerance)
+        found = kept_by_height(curves.points, curves.closed, tolerance=height, n_vertices=n_vertices, valid=valid)
+        parts = [Simplified(x[kept], kept) for x, kept in zip(curves.points, found.kept, strict=True)]
+        tolerance, refused = (height if n_vertices is None else None), found.refused
+    elif valid:
+        raise ValueError("valid=True is for method='heights': the process does not know which curves cross")
+    else:
+        filter = choice("filter", filter or "directions", CURVE_FILTERS)
+        p = float(_PROCESS["p"] if p is None else p)
+        given = {name: value for name, value in model.items() if value is not None}
+        settings: dict[str, Any] = {**_PROCESS, **given, **options}
+        process = functools.partial(regularize, **settings)
+        parts = simplified_by_process(curves, filter, lam, n_vertices, process)
+    crossings = crossings_of(curves.points, [part.points for part in parts], curves.closed)
+    return CurveSimplification(curves, method, parts, tolerance, filter, p, crossings, refused, n_vertices)
+
+
+def _method(
+    method: CurveMethod | None, told: list[str], tolerance: float | None, n_vertices: int | None
+) -> CurveMethod:
+    """Choose the method: settings of the process, `told`, ask for the process."""
+    if method is not None:
+        choice("method", method, CURVE_METHODS)
+    if tolerance is not None:
+        number("tolerance", tolerance, low=0)
+    if told and (method == "heights" or tolerance is not None):
+        other = "tolerance" if tolerance is not None else "method='heights'"
+        raise ValueError(f"{told[0]} is for method='process', without heights: leave it out, or {other}")
+    found: CurveMethod = method or ("process" if told else "heights")
+    if tolerance is not None and found == "process":
+        raise ValueError("tolerance is for method='heights': the process has lam instead")
+    if tolerance is not None and n_vertices is not None:
+        raise ValueError("give tolerance or n_vertices, not both: the number of vertices follows from the tolerance")
+    return found
+
+
+def _expect_shapes(curves: Curves, n_vertices: int | None) -> None:
     least = 3 if any(curves.closed) else 2
     if n_vertices is not None and integer("n_vertices", n_vertices) < least:
         what = "a closed" if any(curves.closed) else "an open"
         raise ValueError(f"n_vertices must be at least {least} for {what} curve, got {n_vertices}")
-    told: Run = {"dtype": STEPS, **options}
-    process = functools.partial(
-        regularize, p=p, weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, **told
-    )
-    prepared = [_Prepared.of(x, shut) for x, shut in zip(curves.points, curves.closed, strict=True)]
-    if n_vertices is None:
-        parts = _simplified(prepared, filter, _LAM[filter] if lam is None else float(lam), None, process)
-    else:
-        parts = [_with_vertices(curve, filter, int(n_vertices), process) for curve in prepared]
-    return CurveSimplification(curves, filter, float(p), parts)
+    for k, x in enumerate(curves.points):
+        if (x == x[0]).all():
+            what = f"curve {k}" if curves.several else "the curve"
+            raise ValueError(f"{what} has no shape to simplify: its vertices coincide")
+
+
+def warnings_of(found: CurveSimplification) -> list[str]:
+    """List in sentences what a user must know of the result."""
+    told = list(found.curves.left)
+    told += crossed(found.crossings, "valid=True" if found.method == "heights" else "method='heights' with valid=True")
+    most = max(len(part.kept) for part in found.parts)
+    if found.n_vertices is not None and most > found.n_vertices:
+        told.append(
+            f"a curve keeps {most} vertices instead of {found.n_vertices}: with fewer, curves would cross or part from "
+            "a common border"
+        )
+    return told
 
 
 @door(options=RUN | {"dtype": STEPS})
@@ -132,44 +179,66 @@ def simplify_curve(found: CurveSimplification) -> Any:
     Parameters
     ----------
     points : (n, d) array, or a list of (n, d) arrays
-        The vertices in order; a list is regularized as one graph.
+        The vertices in order, in any dimension; or a line or polygon of shapely, also several. A list is treated as
+        one set: `valid` concerns all of its curves.
     closed : bool, optional
         Whether the last vertex is joined to the first. None: as in :func:`denoise_curve`. A first vertex repeated at
         the end is removed, and added again to the result. An open curve keeps its ends.
-    filter : {"directions", "positions"}, default "directions"
-        What is made piecewise constant. "directions": the unit vectors along the segments; a vertex is kept where they
-        jump, which keeps corners and removes vertices of straight parts. "positions": the vertices (figure 7); one
-        vertex of each group that comes together is kept, where the curve turns most, which thins the curve evenly.
-    p : float, default 0.5
-        Degree of regularity, best below 1.
-    lam : float, optional
-        Fidelity > 0: larger values keep more vertices. It has no unit: it is multiplied by the length of a segment over
-        the mean one for directions, by the mean segment to the power p - 2 for positions. None: 3 and 0.1.
+    method : {"heights", "process"}, optional
+        "heights" removes one vertex after another, each time the one that stands least above the segment between its
+        neighbours. The result does not depend on how densely the same shape is sampled, and simplifying it again
+        changes nothing. "process" is the paper's (figure 7). None: "heights", but "process" if a parameter of the
+        process is given.
+    tolerance : float, default 0.0015
+        The height up to which vertices are removed, relative to the diagonal of the curve's bounding box. The curve can
+        move by somewhat more (measured: up to 1.9 times).
     n_vertices : int, optional
-        Number of vertices to keep of each curve, instead of `lam`: the fidelity is searched that keeps this number, and
-        the vertices with the largest jumps are kept.
-    weights, norm, solver, max_iter, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`, on the graph of the segments or of the vertices. The default `dtype` is
-        float64, because there are many small steps.
-    eps : float, default 1e-3
-        Smoothing of the gradient norm: of unit vectors, or in mean segments.
+        Number of vertices to keep of each curve, instead of `tolerance` or `lam`. For "process" the fidelity is
+        searched that keeps this number.
+    valid : bool, default False
+        For "heights" in the plane: keep a vertex if the curves would cross without it. If the input does not cross, the
+        result does not either: holes stay in their polygons. Vertices at the same place, such as those of a common
+        border, are removed from all curves or from none.
+    filter : {"directions", "positions"}, default "directions"
+        For "process": what is made piecewise constant. "directions": the unit vectors along the segments; a vertex is
+        kept where they jump. "positions": the vertices (figure 7); one vertex of each group that comes together is
+        kept, where the curve turns most, which thins the curve evenly.
+    p : float, default 0.5
+        For "process": degree of regularity, best below 1.
+    lam : float, optional
+        For "process": fidelity > 0; larger values keep more vertices. It has no unit: it is multiplied by the length of
+        a segment over the mean one for directions, by the mean segment to the power p - 2 for positions. None: 3 and
+        0.1.
+    weights, norm, eps, solver, max_iter, tol
+        For "process": as in :func:`gpureg.regularize`, on the graph of the segments or of the vertices. The defaults
+        are 1, "edge", 1e-3 (of unit vectors, or in mean segments), "jacobi", 2000 and 1e-6.
+    backend, dtype, memory, callback, progress
+        For "process": as in :func:`gpureg.regularize`. The default `dtype` is float64, because there are many small
+        steps.
 
     Returns
     -------
-    (k, d) array like `points`, or a list of (k, d) arrays
+    (k, d) array like `points`, or a list of (k, d) arrays, or objects of shapely
 
     Raises
     ------
     TypeError, ValueError
-        Not a curve; arguments out of range.
+        Not a curve; a curve whose vertices coincide; arguments out of range, or of the other method.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 
+    Warns
+    -----
+    UserWarning
+        The result crosses itself at more places than the input; a curve has more vertices than `n_vertices` because it
+        would cross with fewer.
+
     Notes
     -----
-    Minimises the energy of :func:`gpureg.regularize` for p < 1, which has many minima: the process starts at the curve
-    and finds one near it. Consecutive values that differ by at most 0.05 (3 degrees, or a twentieth of the mean
-    segment) count as equal.
+    "heights" is the rule of Visvalingam and Whyatt (The Cartographic Journal 30(1), 1993) with the height of a triangle
+    instead of its area. "process" minimises the energy of :func:`gpureg.regularize` for p < 1, which has many minima:
+    it starts at the curve and finds one near it. Consecutive values that differ by at most 0.05 (3 degrees, or a
+    twentieth of the mean segment) count as equal; the result depends on how densely the curve is sampled.
 
     Examples
     --------
@@ -179,130 +248,12 @@ def simplify_curve(found: CurveSimplification) -> Any:
     >>> side = np.linspace(0, 1, 20, endpoint=False)
     >>> zero, one = np.zeros(20), np.ones(20)
     >>> x, y = np.concatenate([side, one, 1 - side, zero]), np.concatenate([zero, side, one, 1 - side])
-    >>> gr.simplify_curve(np.stack([x, y], axis=1), backend="numpy")
+    >>> gr.simplify_curve(np.stack([x, y], axis=1))
     array([[0., 0.],
            [1., 0.],
            [1., 1.],
            [0., 1.]])
     """
-    return found.curves.as_came([part.points for part in found.parts])
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """A curve without consecutive equal vertices: (k, d), their (k,) indices in the input, and the input, (n, d)."""
-
-    points: FloatArray
-    number: IntArray
-    closed: bool
-    given: FloatArray
-
-    @classmethod
-    def of(cls, x: FloatArray, closed: bool) -> _Prepared:
-        new = (x != np.roll(x, 1, axis=0)).any(axis=1)
-        if not closed:
-            new[0] = True
-        number = np.flatnonzero(new)
-        return cls(x[number], number, closed, x)
-
-    def only(self, kept: IntArray) -> _Prepared:
-        """Make the curve of the input vertices `kept`, (k,)."""
-        return _Prepared(self.given[kept], kept, self.closed, self.given)
-
-    @property
-    def too_small(self) -> bool:
-        """Whether no vertex can be removed."""
-        return len(self.points) <= (3 if self.closed else 2)
-
-    def segments(self) -> tuple[FloatArray, FloatArray]:
-        """Compute unit vectors along the segments, (s, d), and their lengths, (s,)."""
-        steps = np.roll(self.points, -1, axis=0) - self.points
-        steps = steps if self.closed else steps[:-1]
-        lengths = np.linalg.norm(steps, axis=1)
-        return steps / lengths[:, None], lengths
-
-    def values(self, filter: CurveFilter, lam: float) -> tuple[FloatArray, FloatArray]:
-        """Compute the function to regularize, scaled so that 1 is large, (k, d), and its fidelity, (k,)."""
-        directions, lengths = self.segments()
-        mean = float(lengths.mean())
-        if filter == "directions":
-            return directions, lam * lengths / mean
-        f = (self.points - self.points.mean(axis=0)) / mean
-        return f, np.full(len(f), lam)
-
-    def kept(self, f: FloatArray, filter: CurveFilter, count: int | None) -> IntArray:
-        """Choose the vertices to keep (`count` or by default all with a jump) from regularized values f, (k, d)."""
-        n = len(self.points)
-        jumps = np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1)
-        if not self.closed:
-            # an open curve has no jump from last to first, and keeps its ends
-            jumps[0] = math.inf
-            if filter == "directions":
-                jumps = np.append(jumps, math.inf)
-        most = min(n, count) if count is not None else max(int((jumps > _JUMP).sum()), 3 if self.closed else 2)
-        if filter == "positions" and not self.closed and most < 2:
-            most = 2
-        cuts = np.sort(np.argsort(-jumps, kind="stable")[:most])
-        if filter == "directions":
-            return cuts
-        # one vertex of each run between two cuts, where the curve turns most; and the ends of an open curve
-        turns = self._turns()
-        label = (np.searchsorted(cuts, np.arange(n), side="right") - 1) % len(cuts)
-        order = np.lexsort((-turns, label))
-        found: IntArray = np.sort(order[np.unique(label[order], return_index=True)[1]])
-        return found
-
-    def _turns(self) -> FloatArray:
-        """Compute the change of direction at each vertex, (k,); infinity at open ends."""
-        directions, _ = self.segments()
-        turns: FloatArray = np.linalg.norm(directions - np.roll(directions, 1, axis=0), axis=1)
-        return turns if self.closed else np.concatenate([[math.inf], turns[1:], [math.inf]])
-
-
-def _simplified(
-    curves: list[_Prepared], filter: CurveFilter, lam: float, count: int | None, process: Process
-) -> list[Simplified]:
-    """Simplify all curves in one run."""
-    parts = [curve.values(filter, lam) for curve in curves]
-    graph = _chain([len(f) for f, _ in parts], [curve.closed for curve in curves])
-    result = process(np.concatenate([f for f, _ in parts]), graph, lam=np.concatenate([held for _, held in parts]))
-    values = np.split(result.value, np.cumsum([len(f) for f, _ in parts[:-1]]))
-    found = []
-    for curve, f in zip(curves, values, strict=True):
-        kept = np.arange(len(curve.points)) if curve.too_small else curve.kept(f, filter, count)
-        kept = curve.number[kept]
-        found.append(Simplified(curve.given[kept], kept, lam, result))
-    return found
-
-
-def _with_vertices(curve: _Prepared, filter: CurveFilter, count: int, process: Process) -> Simplified:
-    """Simplify a curve to `count` vertices, with the least fidelity that leaves as many.
-
-    One run leaves about a third; the next run starts there, while there are more than `count`.
-    """
-    low = _LAM[filter]
-    while not curve.too_small:
-        [found] = _simplified([curve], filter, low, None, process)
-        if len(found.kept) == count:
-            return found
-        if len(found.kept) < count or len(found.kept) > _STUCK * len(curve.points):
-            break
-        curve = curve.only(found.kept)
-    high = low * _MOST
-    for _ in range(_HALVINGS):
-        middle = math.sqrt(low * high)
-        [found] = _simplified([curve], filter, middle, None, process)
-        if len(found.kept) == count:
-            return found
-        low, high = (middle, high) if len(found.kept) < count else (low, middle)
-    return _simplified([curve], filter, high, count, process)[0]
-
-
-def _chain(sizes: list[int], closed: list[bool]) -> Graph:
-    """Make one graph for the values of several curves, each value joined to the next one of its curve."""
-    starts = np.cumsum([0, *sizes])
-    edges = []
-    for start, size, shut in zip(starts, sizes, closed, strict=False):
-        u = np.arange(size if shut and size > 2 else size - 1)
-        edges.append(np.stack([start + u, start + (u + 1) % size], axis=1))
-    return Graph.from_edges(np.concatenate(edges), n_vertices=int(starts[-1]))
+    for sentence in warnings_of(found):
+        warnings.warn(sentence, UserWarning, stacklevel=outside())
+    return found.curves.as_came([part.points for part in found.parts], [part.kept for part in found.parts])

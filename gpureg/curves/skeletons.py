@@ -14,11 +14,9 @@ from ..doors import door
 from ..graphs.csr import Graph
 from ..regularization.options import MODEL, Model
 from ..weights import Weights
-from .curves import curves_of
+from .crossings import is_inside
+from .curves import Curves, curves_of
 from .denoise import denoised
-
-# Pairs of a ray and a side of the polygon that are tested at once.
-_BLOCK = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +147,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     """
     from scipy.spatial import QhullError, Voronoi
 
-    [x] = curves_of(points, True).points
+    x = _polygon(points).points[0]
     number("detail", detail, low=0, finite=False)
     if x.shape[1] != 2:
         raise ValueError(f"a skeleton needs a polygon in the plane, (n, 2), got {x.shape}")
@@ -166,7 +164,7 @@ def skeleton(points: npt.ArrayLike, *, detail: float = 1.0) -> Skeleton:
     ridges = np.array(diagram.ridge_vertices)
     between = np.array(diagram.ridge_points)
     apart = np.abs(between[:, 0] - between[:, 1])
-    inside = _inside(places, x)
+    inside = is_inside(places, x)
     kept = (ridges >= 0).all(axis=1) & (apart != 1) & (apart != n - 1)
     segments = np.linalg.norm(np.roll(sites, -1, axis=0) - sites, axis=1)
     place = np.concatenate([[0], np.cumsum(segments)])
@@ -234,22 +232,15 @@ def simplify_skeleton(
     >>> found.after.n_branches < found.before.n_branches / 2
     True
     """
-    curves = curves_of(points, True)
+    curves = _polygon(points)
     before = skeleton(points, detail=detail)
     told: Model = {"solver": "jacobi", **options}
     [smooth] = denoised(curves, p=p, lam=lam, max_iter=max_iter, weights=weights, fixed=fixed, **told).points
     return SkeletonSimplification(before, skeleton(smooth, detail=detail))
 
 
-def _inside(places: FloatArray, polygon: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return whether points (k, 2) are inside a polygon (n, 2) by the even-odd rule, (k,)."""
-    a, b = polygon, np.roll(polygon, -1, axis=0)
-    odd = np.zeros(len(places), bool)
-    step = max(1, _BLOCK // len(polygon))
-    for begin in range(0, len(places), step):
-        x, y = places[begin : begin + step].T[:, :, None]
-        spans = (a[:, 1] > y) != (b[:, 1] > y)
-        rise = b[:, 1] - a[:, 1]
-        at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / np.where(rise == 0, 1, rise)
-        odd[begin : begin + step] = (spans & (x < at)).sum(axis=1) % 2 == 1
-    return odd
+def _polygon(points: npt.ArrayLike) -> Curves:
+    curves = curves_of(points, True)
+    if len(curves.points) != 1:
+        raise ValueError(f"a skeleton needs one polygon without holes, got {len(curves.points)} curves")
+    return curves

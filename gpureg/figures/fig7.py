@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .. import metrics
 from ..arrays import FloatArray
-from ..curves.simplify import simplify_curve
+from ..curves.simplify import simplified
 from ..graphs.of_shapes import curve_graph
 from ..plot.canvas import new_figure
 from ..regularization.pieces import met
@@ -42,7 +42,8 @@ def draw(inputs: Inputs) -> Drawn:
         runs[name] = result
         drawn[name] = result.value * unit + middle
         places[name] = _met(drawn[name], met(result.value, graph, MET))
-    kept = simplify_curve(polygon, backend=inputs.backend)
+    [simple] = simplified(polygon, method="process", backend=inputs.backend).parts
+    kept = simple.points
     drawn["p = 0.5, directions"] = places["p = 0.5, directions"] = kept
     numbers: dict[str, Any] = {"curve": source.name, "lam": LAM, "eps": EPS}
     for name in drawn:
@@ -54,8 +55,8 @@ def draw(inputs: Inputs) -> Drawn:
     title = "Figure 7. A polygon simplified: for p < 1 its vertices aggregate"
     settings = (
         f"{source.name}; the graph is the polygon, w = 1, lam = {LAM:g} and eps = {EPS:g} in mean segments, each edge "
-        f"by itself (eq. 30), until convergence. The paper gives neither p nor lam. Last: simplify_curve, which "
-        f"regularizes the directions of segments instead."
+        f"by itself (eq. 30), until convergence. The paper gives neither p nor lam. Last: "
+        f"simplify_curve(method='process'), which regularizes the directions of segments instead."
     )
     one, last, ours = (numbers[name] for name in ("p = 1", f"p = {DEGREES[-1]:g}", "p = 0.5, directions"))
     see = (

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-from ..curves.files import CurveError, read_curves
+from ..curves.contents import CurveError
+from ..curves.files import read_curves
 from ..files.picture import Picture, PictureError
 from ..files.pictures import read_picture
 from ..meshes.reading import read_mesh

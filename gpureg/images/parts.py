@@ -82,7 +82,8 @@ def tiles_of(
         return max(_bytes(own, _grid(own, wide(sizes)), channels, device) for own in active)
 
     if needs(shape) <= memory and 1 in _CUTS:
-        return (Tile(whole, whole),)
+        everything = tuple(slice(0, n) for n in shape)
+        return (Tile(everything, everything),)
     candidates = [sorted({-(-n // k) for k in _CUTS if k <= n}) for n in shape]
     per_pixel = needs(shape) / math.prod(shape)
     while True:

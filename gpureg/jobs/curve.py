@@ -12,16 +12,19 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, IntArray
+from ..curves.contents import CURVE_FORMATS, CurveError, CurveInFile, CurvesFile, curve_format
 from ..curves.curves import Curves
 from ..curves.denoise import denoised
-from ..curves.files import CurveError, CurveInFile, CurvesFile, curve_format, encode_curves, read_curves
-from ..curves.simplify import CurveFilter, simplified
+from ..curves.files import encode_curves, read, same_format
+from ..curves.process import CurveFilter
+from ..curves.simplify import CurveMethod, simplified
 from ..curves.skeletons import Skeleton, skeleton
-from ..model.result import Result
 from ..shapes.ends import Ends, ends_of
 from .curve_report import CurveReport, Measures, Worked
+from .many import Many, treat_files
 from .options import ShapeSettings
 from .outputs import Outputs
+from .slices import beside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +33,9 @@ class CurveSettings(ShapeSettings):
 
     simplify: bool = False
     n_vertices: int | None = None
+    tolerance: float | None = None
+    method: CurveMethod | None = None
+    valid: bool = False
     filter: CurveFilter | None = None
     keep_ends: bool | None = None
     closed: bool | None = None
@@ -39,7 +45,7 @@ class CurveSettings(ShapeSettings):
     @property
     def simplifies(self) -> bool:
         """Whether to simplify the curves instead of denoising them."""
-        return self.simplify or self.n_vertices is not None
+        return self.simplify or self.n_vertices is not None or self.tolerance is not None
 
     def check(self) -> None:
         """Raise ValueError for combinations of options that have no effect."""
@@ -47,8 +53,9 @@ class CurveSettings(ShapeSettings):
             raise ValueError("--sigma is for denoising, --simplify and --n-vertices are not; run twice")
         if self.simplifies and self.keep_ends is False:
             raise ValueError("--no-keep-ends is for denoising: simplified curves keep their ends")
-        if not self.simplifies and self.filter is not None:
-            raise ValueError("--filter says what is simplified: give --simplify too")
+        for option, value in (("--filter", self.filter), ("--method", self.method)):
+            if not self.simplifies and value is not None:
+                raise ValueError(f"{option} says how curves are simplified: give --simplify too")
 
 
 def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress: bool = False) -> CurveReport:
@@ -75,21 +82,23 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
         As :func:`gpureg.denoise_curve`, :func:`gpureg.simplify_curve` and :func:`gpureg.skeleton`.
     """
     settings.check()
-    outputs = Outputs(source, settings.reference)
+    outputs = Outputs(source, None if settings.reference is None else beside(settings.reference, source))
     for option, path in (("OUT", target), ("--skeleton", settings.skeleton)):
         if path is not None:
             curve_format(path)
             outputs.expect(option, path)
     outputs.expect_picture(settings.picture, CurveError)
     begin = time.perf_counter()
-    given = read_curves(source, closed=settings.closed)
-    truth = None if settings.reference is None else read_curves(settings.reference, closed=settings.closed)
+    given = read(source, closed=settings.closed)
+    truth = None if settings.reference is None else read(beside(settings.reference, source), closed=settings.closed)
     scale = _scale(given, settings)
     before: list[FloatArray] = [curve.points * scale for curve in given.curves]
     ends = [_scaled(curve, x) for curve, x in zip(given.curves, before, strict=True)]
     worked = _worked(before, ends, settings, progress)
     made = [
-        replace(curve, points=points / scale, more=curve.more[kept])
+        replace(
+            curve, points=points / scale, more=curve.more[kept], rows=None if curve.rows is None else curve.rows[kept]
+        )
         for curve, points, kept in zip(given.curves, worked.points, worked.kept, strict=True)
     ]
     true: list[FloatArray] | None = None if truth is None else [x.points * scale for x in truth.curves]
@@ -107,6 +116,8 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
         unit="degrees of latitude" if scale[0] != 1 else None,
         skeleton=settings.skeleton,
         bones=[] if settings.skeleton is None else _skeletons(worked.points, made),
+        left=given.left,
+        left_out=not same_format(source, target),
     )
     outputs.put(target, encode_curves(target, made, like=given))
     if settings.skeleton is not None:
@@ -116,6 +127,31 @@ def curve_file(source: Path, target: Path, settings: CurveSettings, *, progress:
         outputs.draw(settings.picture, _drawn(report))
     outputs.write()
     return replace(report, seconds=time.perf_counter() - begin)
+
+
+def curve_files(sources: Sequence[Path], folder: Path, settings: CurveSettings, *, progress: bool = False) -> Many:
+    """Denoise or simplify the curves of many files into a folder; the parameters are as in :func:`curve_file`.
+
+    ``settings.reference`` is one file for all, or a folder with files named as the inputs.
+
+    Raises
+    ------
+    PictureError, ValueError
+        The options or the folder are wrong for all files; raised before any work.
+    """
+    settings.check()
+    for option, path in (("--skeleton", settings.skeleton), ("--picture", settings.picture)):
+        if path is not None:
+            raise ValueError(f"{option} is one file: it needs a single IN")
+    read_too = [] if settings.reference is None else [beside(settings.reference, source) for source in sources]
+    return treat_files(
+        sources,
+        folder,
+        lambda source, target: curve_file(source, target, settings),
+        others=read_too,
+        formats=CURVE_FORMATS,
+        progress=progress,
+    )
 
 
 def _scale(given: CurvesFile, settings: CurveSettings) -> FloatArray:
@@ -138,40 +174,29 @@ def _scaled(curve: CurveInFile, points: FloatArray) -> Ends:
 
 
 def _worked(points: list[FloatArray], ends: list[Ends], settings: CurveSettings, progress: bool) -> Worked:
-    """Denoise or simplify all curves: the closed curves as one graph, the open ones as another."""
-    n = len(points)
-    made: list[FloatArray] = list(points)
-    kept: list[IntArray] = [np.arange(len(x)) for x in points]
-    sigma, lam = [0.0] * n, [0.0] * n
-    results: list[Result] = []
+    """Denoise or simplify all curves."""
+    # float64, as the file has them; a repeated vertex is removed
+    curves = Curves(points, ends, [np.dtype(np.float64)] * len(points), True)
     told = settings.model() | {"progress": progress}
-    p = 0.0
-    for shut in (True, False):
-        chosen = [k for k in range(n) if ends[k].closed == shut]
-        if not chosen:
-            continue
-        # float64, as the file has them; a repeated vertex is removed
-        kinds = [np.dtype(np.float64)] * len(chosen)
-        curves = Curves([points[k] for k in chosen], [ends[k] for k in chosen], kinds, True)
-        if settings.simplifies:
-            simple = simplified(curves, filter=_filter(settings), n_vertices=settings.n_vertices, **told)
-            for k, part in zip(chosen, simple.parts, strict=True):
-                made[k], kept[k], lam[k] = part.points, part.kept, part.lam
-                results.append(part.result)
-            p = simple.p
-        else:
-            done = denoised(curves, sigma=settings.sigma, keep_ends=settings.keep_ends is not False, **told)
-            for k, x, s, fidelity in zip(chosen, done.points, done.sigma, done.lam, strict=True):
-                made[k], sigma[k], lam[k] = x, s, float(fidelity)
-            results += done.results
-            p = done.p
-    what = _filter(settings) if settings.simplifies else "positions"
-    return Worked(made, kept, what, settings.simplifies, p, lam, sigma, settings.sigma is None, results)
-
-
-def _filter(settings: CurveSettings) -> CurveFilter:
-    """Return the filter of simplification."""
-    return settings.filter or "directions"
+    whole: list[IntArray] = [np.arange(len(x)) for x in points]
+    if not settings.simplifies:
+        keep_ends = settings.keep_ends is not False
+        done = denoised(curves, sigma=settings.sigma, keep_ends=keep_ends, valid=settings.valid, **told)
+        lam = np.atleast_1d(done.lam).tolist()
+        return Worked(
+            done.points, whole, "positions", False, done.p, lam, list(done.sigma), done.estimated, list(done.results),
+            found=done.found, crossings=done.crossings, refused=done.shortened,
+        )  # fmt: skip
+    names = ("method", "tolerance", "n_vertices", "filter")
+    told |= {name: getattr(settings, name) for name in names if getattr(settings, name) is not None}
+    simple = simplified(curves, valid=settings.valid, **told)
+    kept = [part.kept for part in simple.parts]
+    results = [part.result for part in simple.parts if part.result is not None]
+    lam = [part.lam for part in simple.parts if part.lam is not None]
+    return Worked(
+        [part.points for part in simple.parts], kept, simple.filter or "heights", True, simple.p, lam,
+        [0.0] * len(points), True, results, simple.tolerance, crossings=simple.crossings, refused=simple.refused,
+    )  # fmt: skip
 
 
 def _skeletons(points: list[FloatArray], made: list[CurveInFile]) -> list[Skeleton]:

@@ -12,6 +12,9 @@ import numpy as np
 from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray, IntArray
+from ..curves.cleaning import Found
+from ..curves.crossings import Crossings
+from ..curves.files import left_words
 from ..curves.skeletons import Skeleton
 from ..model.result import Result
 from ..shapes.ends import Ends
@@ -37,40 +40,57 @@ class Worked:
         The vertices of each curve, after.
     kept : list of (k,) int arrays
         Their indices among the vertices before.
-    what : {"directions", "positions"}
-        What was regularized.
+    what : {"directions", "positions", "heights"}
+        What was regularized, or that vertices were removed by their heights.
     simplified : bool
         Whether vertices were removed, instead of moved.
-    p : float
-        Degree of regularity.
+    p : float or None
+        Degree of regularity; None without a run.
     lam : list of float
-        Fidelity of each curve.
+        Fidelity of each curve; empty without a run.
     sigma : list of float
         Noise of each curve, if they were denoised.
     estimated : bool
         Whether the noise was estimated.
     results : list of Result
         The runs of the model.
+    tolerance : float or None
+        The height up to which vertices were removed.
+    found : list of Found
+        Outliers, gaps and repeated vertices of each curve, if they were denoised.
+    crossings : Crossings or None
+        Pairs of segments that meet without a common end, before and after.
+    refused : int
+        Number of vertices that stay, or move less, so that curves do not cross.
     """
 
     points: list[FloatArray]
     kept: list[IntArray]
     what: str
     simplified: bool
-    p: float
+    p: float | None
     lam: list[float]
     sigma: list[float]
     estimated: bool
     results: list[Result]
+    tolerance: float | None = None
+    found: Sequence[Found] = ()
+    crossings: Crossings | None = None
+    refused: int = 0
 
     def describe(self) -> str:
         """Describe the work in one line."""
+        if self.what == "heights":
+            if self.tolerance is None:
+                return "the lowest vertices removed, down to the number of each curve"
+            return f"vertices removed up to a height of {self.tolerance:g} of a curve's diagonal"
         verb = f"vertices kept where the {self.what} jump" if self.simplified else f"{self.what} of the vertices"
         if not self.results:
             return f"{verb}: there is no noise to remove"
         many = " in the middle" if len(set(self.lam)) > 1 else ""
         lam = f"{np.median(self.lam):.4g}{many}"
-        return f"{verb}; p = {self.p:g}, lam = {lam}, {self.results[0].iterations} iterations"
+        steps = self.results[0].iterations
+        return f"{verb}; p = {self.p:g}, lam = {lam}, {f'{steps} iterations' if steps else 'solved directly'}"
 
 
 @dataclass(frozen=True)
@@ -151,6 +171,10 @@ class CurveReport(ShapeReport):
         File with the skeletons.
     bones : list of Skeleton
         The skeletons.
+    left : tuple of str
+        The curves of the input that could not be treated, each with the reason.
+    left_out : bool
+        Whether they are missing in the output, because it has another format; otherwise they are as they were.
     """
 
     before: list[FloatArray]
@@ -160,6 +184,8 @@ class CurveReport(ShapeReport):
     unit: str | None = None
     skeleton: Path | None = None
     bones: Sequence[Skeleton] = ()
+    left: tuple[str, ...] = ()
+    left_out: bool = False
 
     @property
     def branches(self) -> int:
@@ -187,13 +213,30 @@ class CurveReport(ShapeReport):
             "vertices": self._vertices.as_json(),
             "method": "simplify" if worked.simplified else "denoise",
             "filter": self.filter,
-            "p": worked.p,
-            "lam": [number(lam) for lam in worked.lam],
         }
+        if worked.p is not None:
+            report |= {"p": worked.p, "lam": [number(lam) for lam in worked.lam]}
+        if worked.tolerance is not None:
+            report["tolerance"] = worked.tolerance
+        if worked.crossings is not None:
+            report["crossings"] = worked.crossings._asdict()
+        if worked.refused:
+            report["refused"] = worked.refused
+        if self.left:
+            report["untreated"] = list(self.left)
         if not worked.simplified:
             moved = [np.linalg.norm(a - b, axis=1) for a, b in zip(self.before, worked.points, strict=True)]
             report |= {"sigma": worked.sigma, "sigma_estimated": worked.estimated}
             report["displacement"] = Displacement.of(np.concatenate(moved)).as_json()
+            report["found"] = [
+                {
+                    "outliers": one.outliers.tolist(),
+                    "gaps": one.gaps.tolist(),
+                    "repeats": one.repeats,
+                    "opened": one.opened,
+                }
+                for one in worked.found
+            ]
         report |= self.measures.as_json() | {"backend": self.backend, "version": __version__}
         if self.unit is not None:
             report["unit"] = self.unit
@@ -222,9 +265,39 @@ class CurveReport(ShapeReport):
             lines.append(f"skeleton {self.branches} branches, {self._tips} ends -> {self.skeleton}")
         return lines
 
+    def cautions(self) -> list[str]:
+        """Return the lines on outliers, gaps, repeated vertices, crossings, and curves that were not treated."""
+        lines = [found_line(self.worked.found)] if any(map(_anything, self.worked.found)) else []
+        if (counts := self.worked.crossings) is not None and max(counts):
+            option = f", {counts.new} new: --valid prevents them" if counts.new else ""
+            what = "curves cross" if counts.between else "a curve crosses itself (others were not counted)"
+            lines.append(f"crossing {counts.before} -> {counts.after} places where {what}{option}")
+        if self.worked.refused:
+            verb = "stay" if self.worked.simplified else "move less"
+            lines.append(f"valid    {self.worked.refused} vertices {verb}, so that curves do not cross")
+        if self.left:
+            how = "left out, since OUT has another format" if self.left_out else "as they were"
+            lines.append(f"left     {left_words(self.left)}: {how}")
+        return lines
+
     def _size(self) -> str:
         count = len(self.before)
         return f"{count} curve{'s' if count > 1 else ''}, {self._vertices.before} vertices"
+
+
+def _anything(found: Found) -> bool:
+    return bool(len(found.outliers) or len(found.gaps) or found.repeats or found.opened)
+
+
+def found_line(found: Sequence[Found]) -> str:
+    """Say what was kept from deciding for the rest of the curves."""
+    counts = {
+        "outliers, put between their neighbours": sum(len(one.outliers) for one in found),
+        "gaps, not smoothed across": sum(len(one.gaps) for one in found),
+        "repeated vertices, counted once": sum(one.repeats for one in found),
+        "closed curves with ends far apart, treated as open": sum(one.opened for one in found),
+    }
+    return f"found    {'; '.join(f'{count} {what}' for what, count in counts.items() if count)}"
 
 
 def ends_line(ends: Sequence[Ends]) -> str:

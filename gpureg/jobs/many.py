@@ -1,21 +1,20 @@
-"""Do the work of ``gpureg points`` on many files; a failure does not stop the others and is reported at the end."""
+"""Treat many files of shapes one after another: :func:`treat_files`; a failure does not stop the others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..files.pictures import PictureError
 from ..progress import progress_bar
-from .batch import FAILURES, sentence
+from .batch import FAILURES, failures, make_folder, sentence, targets_of
 from .report import ShapeReport
 
 
 @dataclass
-class ManyFiles:
-    """The result for many files: reports of those that are done, messages of those that failed."""
+class Many:
+    """The reports on many files, and the messages of those that failed."""
 
     folder: Path
     count: int
@@ -24,52 +23,60 @@ class ManyFiles:
     interrupted: bool = False
 
     def as_json(self) -> dict[str, Any]:
-        """Return the reports as a dictionary for JSON."""
+        """Return the outcome as a dictionary for JSON."""
         failed = [{"input": str(source), "error": error} for source, error in self.failed]
         return {"files": [report.as_json() for report in self.done], "failed": failed}
 
     def lines(self) -> list[str]:
-        """Return a line for each note and each file, and one for all, without the failures."""
-        lines = []
-        for report in self.done:
-            told = [line for line in report.lines() if line.startswith(("note", "left out"))]
-            lines += [f"{line} ({report.input})" for line in told]
+        """Return the outcome, without the failures, as lines of text."""
+        told = [f"{line} ({report.input})" for report in self.done for line in report.cautions()]
         seconds = sum(report.seconds for report in self.done)
         on = ", ".join(sorted({report.backend for report in self.done if report.backend}))
-        lines.append(
-            f"done     {len(self.done)} of {self.count} files in {seconds:.2f} s{f' on {on}' if on else ''}"
-            f" -> {self.folder}"
-        )
-        return lines
+        count = f"{len(self.done)} of {self.count} files"
+        return [*told, f"done     {count} in {seconds:.2f} s{f' on {on}' if on else ''} -> {self.folder}"]
 
     def failures(self) -> str:
         """List the files that failed, and why."""
-        told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
-        return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
+        return failures(self.failed, self.count)
 
 
-def each_file(
+def treat_files(
     sources: Sequence[Path],
-    targets: Sequence[Path],
     folder: Path,
     work: Callable[[Path, Path], ShapeReport],
     *,
+    others: Iterable[Path] = (),
+    formats: Iterable[str] = (),
     progress: bool = False,
-) -> ManyFiles:
-    """Do the work on each file; `targets` lie in `folder`, which is created if it does not exist.
+) -> Many:
+    """Treat files into a folder, which is created if it does not exist.
 
-    An interruption returns the result so far; no partial file is written.
+    Parameters
+    ----------
+    sources : sequence of Path
+    folder : Path
+    work : callable
+        Treats one file: called with IN and OUT.
+    others : iterable of Path
+        Files that are read beside `sources`.
+    formats : iterable of str
+        Extensions of files; a new folder with one of these is refused.
+    progress : bool, default False
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    Many
+        An interruption ends it early; no partial file is written.
 
     Raises
     ------
-    PictureError
-        The folder cannot be created.
+    PictureError, ValueError
+        The folder, or two of the files, cannot be used; raised before any work.
     """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise PictureError(f"{folder} cannot be created: {error.strerror}") from None
-    outcome = ManyFiles(folder, len(sources))
+    targets = targets_of(folder, sources, others, formats=formats)
+    make_folder(folder)
+    outcome = Many(folder, len(sources))
     try:
         with progress_bar(progress, len(sources), "files") as report:
             report(0)

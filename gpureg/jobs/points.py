@@ -17,8 +17,7 @@ from ..points.denoise import denoised
 from ..points.files import POINT_FORMATS, encode_points, lost_in, point_format, read_all, read_points
 from ..points.filters import PointDenoising, PointFilter
 from ..points.renewed import renewed_normals
-from .batch import targets_of
-from .many import ManyFiles, each_file
+from .many import Many, treat_files
 from .options import ViewedSettings
 from .outputs import Outputs
 from .points_report import ClusteringReport, PointDenoisingReport, PointErrors
@@ -110,9 +109,7 @@ def points_file(
     return replace(report, notes=(*report.notes, *notes))
 
 
-def points_files(
-    sources: Sequence[Path], folder: Path, settings: PointsSettings, *, progress: bool = False
-) -> ManyFiles:
+def points_files(sources: Sequence[Path], folder: Path, settings: PointsSettings, *, progress: bool = False) -> Many:
     """Denoise or cluster files of points into a folder, which is created if it does not exist.
 
     Raises
@@ -124,8 +121,14 @@ def points_files(
     if settings.picture is not None:
         raise ValueError("--picture is for one file: leave it out")
     read = [] if settings.reference is None else [settings.reference]
-    targets = targets_of(folder, sources, read, POINT_FORMATS, "a file of points")
-    return each_file(sources, targets, folder, lambda a, b: points_file(a, b, settings), progress=progress)
+    return treat_files(
+        sources,
+        folder,
+        lambda a, b: points_file(a, b, settings),
+        others=read,
+        formats=POINT_FORMATS,
+        progress=progress,
+    )
 
 
 def _part(whole: PointsFile, rows: npt.NDArray[np.bool_]) -> PointsFile:

@@ -73,6 +73,8 @@ class Denoised(Generic[S]):
         if not self.results:
             return f"{what}: there is no noise to remove"
         runs, each = len(self.results), self.results[0].iterations
+        if not self.iterations:
+            return f"{what}; {self._parameters()}, solved directly"
         times = f"{runs} rounds of {each}" if runs > 1 else str(each)
         return f"{what}; {self._parameters()}, {times} iterations"
 

@@ -87,5 +87,7 @@ def ends_of(points: FloatArray, closed: bool | None = None) -> Ends:
         return Ends(False, False, gap, "few")
     if again:
         return Ends(True, True, gap, "repeated")
-    near = gap <= _NEAR * float(np.quantile(segments, _QUANTILE))
+    # repeated vertices say nothing of the distances
+    proper = segments[segments > _SAME * segments.mean()]
+    near = gap <= _NEAR * float(np.quantile(proper, _QUANTILE)) if len(proper) else True
     return Ends(near, False, gap, "near" if near else "apart")

@@ -165,9 +165,65 @@ def test_the_report_says_which_curves_are_closed(noisy):
     assert f"\nends     {said}\n" in words
 
 
+def test_what_was_found_is_told():
+    track = np.stack([np.linspace(0, 10, 200), np.sin(np.linspace(0, 10, 200))], 1) + RNG.normal(0, 0.03, (200, 2))
+    track[60] += 3
+    track[120:] += [40, 0]
+    track = np.insert(track, 30, track[30], axis=0)
+    gr.write_curves("track.csv", [CurveInFile(track, False, NONE[:1].repeat(201, 0))])
+    told = report("track.csv", "out.csv")["found"]
+    assert told == [{"outliers": [61], "gaps": [120], "repeats": 1, "opened": False}]
+    words = "1 outliers, put between their neighbours; 1 gaps, not smoothed across; 1 repeated vertices, counted once"
+    assert f"found    {words}" in done(run("track.csv", "out.csv"))
+    # a line on one point
+    features = [{"type": "LineString", "coordinates": c} for c in (SQUARE.tolist(), [[0, 0], [0, 0]])]
+    Path("a.geojson").write_text(json.dumps({"type": "GeometryCollection", "geometries": features}), "utf-8")
+    assert report("a.geojson", "b.geojson")["untreated"] == ["the document: its vertices coincide"]
+    assert "vertices coincide: as they were" in done(run("a.geojson", "b.geojson"))
+    assert "left out, since OUT has another format" in done(run("a.geojson", "b.svg"))
+
+
+def test_simplify_by_heights_and_valid():
+    zigzag = np.stack([np.arange(40.0), np.arange(40) % 2 + 2.0], 1)
+    below = np.stack([np.arange(40.0), np.where(np.arange(40) % 2, 2.9, 0)], 1)
+    gr.write_curves("two.svg", [CurveInFile(zigzag, False, NONE[:40]), CurveInFile(below, False, NONE[:40])])
+    told = report("two.svg", "out.svg", "--tolerance", 0.03)
+    assert (
+        told["filter"] == "vertices removed up to a height of 0.03 of a curve's diagonal" and told["tolerance"] == 0.03
+    )
+    assert told["crossings"]["before"] == 0 < told["crossings"]["after"] and "p" not in told
+    assert "new: --valid prevents them" in done(run("two.svg", "o.svg", "--tolerance", 0.03))
+    held = report("two.svg", "out.svg", "--tolerance", 0.03, "--valid")
+    assert held["crossings"] == {"before": 0, "after": 0, "new": 0, "between": True} and held["refused"] > 0
+    told = report("two.svg", "out.svg", "--simplify", "--method", "process")
+    assert (told["p"], len(told["lam"])) == (0.5, 2)
+
+
+def test_many_files(noisy):
+    """A folder of tracks; a broken one is named, and the others are done."""
+    line = np.stack([np.linspace(0, 0.1, 60), np.linspace(50, 50.1, 60)], 1) + RNG.normal(0, 0.0002, (60, 2))
+    for name in ("a.gpx", "b.gpx"):
+        gr.write_curves(name, [CurveInFile(line, False, NONE[:60])])
+    Path("c.gpx").write_text("<gpx", "utf-8")
+    result = run("*.gpx", noisy, "out", "--json")
+    assert result.exit_code == 1 and "1 of 4 files failed:\n  c.gpx: damaged" in result.stderr
+    told = json.loads(result.stdout)
+    assert [file["output"] for file in told["files"]] == [str(Path("out") / n) for n in ("a.gpx", "b.gpx", "noisy.csv")]
+    assert {path.name for path in Path("out").iterdir()} == {"a.gpx", "b.gpx", "noisy.csv"}
+    assert np.array_equal(gr.read_curves("out/a.gpx").curves[0].points[0], line[0])
+    words = done(run("a.gpx", "b.gpx", "out", "--reference", "."))
+    assert words.startswith("done     2 of 2 files in ") and words.endswith("-> out\n")
+    failed(run("a.gpx", "b.gpx", "new", "--picture", "x.png"), 2, "--picture is one file: it needs a single IN")
+    failed(run("a.gpx", "b.gpx", "new.gpx"), 2, "new.gpx is named like a file")
+    failed(call("curve", "a.gpx"), 2, "Missing OUT: where to write a.gpx?")
+    assert not Path("new").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
+        (["--tolerance", "0.1", "--p", "0.5"], 2, "p is for method='process'"),
+        (["--method", "process"], 2, "give --simplify too"),
         (["--simplify", "--sigma", "1"], 2, "--sigma is for denoising"),
         (["--simplify", "--no-keep-ends"], 2, "--no-keep-ends is for denoising"),
         (["--filter", "positions"], 2, "give --simplify too"),

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import gpureg as gr
-from gpureg.curves.documents import _subpaths
-from gpureg.curves.files import CURVE_FORMATS, CurveInFile, encode_curves
+from gpureg.curves.contents import CURVE_FORMATS, CurveInFile
+from gpureg.curves.files import encode_curves
+from gpureg.curves.svg import _subpaths
 
 RNG = np.random.default_rng(6)
 
@@ -35,7 +36,7 @@ def test_there_and_back(tmp_path, kind, closed):
     known = {"closed": closed[0]} if kind.startswith(".csv") and closed == [False] else {}
     found = gr.read_curves(path, **known)
     assert same(found.curves, curves)
-    assert found.degrees == (kind in (".geojson", ".json"))
+    assert found.degrees == (kind in (".geojson", ".json", ".gpx"))
     other = [CurveInFile(3 * c.points[1:] + 1, c.closed, c.more[1:]) for c in found.curves]
     gr.write_curves(path, other, like=found)
     assert same(gr.read_curves(path, **known).curves, other)
@@ -253,3 +254,131 @@ def test_what_files_say_themselves(tmp_path):
         gr.read_curves(tmp_path / "a.svg", closed=True)
     with pytest.raises(gr.CurveError, match="no such file"):
         gr.read_curves(tmp_path / "b.svg")
+
+
+ODD = {
+    "type": "FeatureCollection",
+    "features": [
+        {"type": "Feature", "properties": {"v": 1}, "geometry": {"type": "LineString", "coordinates": coordinates}}
+        for coordinates in (
+            [[0, 0, 7], [1, 0, None], [2, 1, 9]],
+            [[0, 0, 7], [1, 0], [2, 1]],
+            [],
+            [[3, 3]],
+            [[3, 3], [3, 3], [3, 3]],
+            [[0, 0], ["a", 1]],
+            [[0, 0], [None, 1]],
+        )
+    ]
+    + [
+        {"type": "Feature", "properties": {"name": "bay"}, "geometry": {"type": "Polygon", "coordinates": rings}}
+        for rings in (
+            [[[0, 0], [4, 0], [4, 4], [1e-12, 0]], [[1, 1], [1, 1], [1, 1], [1, 1]]],
+            [],
+            [[[0, 0], [1, 1], [0, 0]]],
+        )
+    ]
+    + [{"type": "Feature", "properties": None, "geometry": {"type": "Circle", "coordinates": [1, 2]}}, 7],
+}
+
+
+def test_what_cannot_be_treated_stays_and_is_named(tmp_path):
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps(ODD).replace('"v": 1', '"v": NaN'), "utf-8")
+    with pytest.warns(UserWarning, match="a.geojson: 10 curves cannot be treated: feature 2: .*; and 5 more"):
+        found = gr.read_curves(path)
+    assert [len(c.points) for c in found.curves] == [3, 3, 3], "a ring closed to rounding repeats its vertex"
+    named = [name.split(":")[0].split(" has")[0] for name in found.left]
+    assert named == [f"feature {k}" for k in (2, 3, 4, 5, 6)] + [
+        "feature 7 (bay), part 1", "feature 8 (bay)", "feature 9 (bay)", "feature 10", "feature 11"
+    ]  # fmt: skip
+    moved = [CurveInFile(c.points + 1, c.closed, c.more) for c in found.curves]
+    gr.write_curves(path, moved, like=found)
+    written = json.loads(path.read_text("utf-8"), parse_constant=pytest.fail)["features"]
+    assert [f["geometry"]["coordinates"] for f in written[:2]] == [
+        [[1, 1, 7], [2, 1], [3, 2, 9]], [[1, 1, 7], [2, 1], [3, 2]]
+    ]  # fmt: skip
+    assert [f["geometry"] for f in written[2:7]] == [f["geometry"] for f in ODD["features"][2:7]]
+    assert written[7]["geometry"]["coordinates"] == [
+        [[1, 1], [5, 1], [5, 5], [1, 1]], ODD["features"][7]["geometry"]["coordinates"][1]
+    ]  # fmt: skip
+    assert written[8:] == ODD["features"][8:] and written[0]["properties"] == {"v": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.csv", "x,y\n0,0\n1,0\n2,5\n\n7,7\n\n8,8\n8,8\n8,8\n"),
+        ("a.svg", "<svg><polyline points='0,0 1,0 2,5'/><polygon points='1,1 1,1 1,1'/><path d='M3 3 L3 3'/></svg>"),
+    ],
+)
+def test_other_files_keep_what_cannot_be_treated(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_text(content, "utf-8")
+    with pytest.warns(UserWarning, match="2 curves cannot be treated: curve 1"):
+        found = gr.read_curves(path)
+    [curve] = found.curves
+    gr.write_curves(path, [CurveInFile(curve.points[[0, 2]], False, curve.more[[0, 2]])], like=found)
+    text = path.read_text("utf-8")
+    with pytest.warns(UserWarning, match="2 curves cannot be treated"):
+        assert gr.read_curves(path).curves[0].points.tolist() == [[0, 0], [2, 5]]
+    assert "7,7" in text if name == "a.csv" else 'points="1,1 1,1 1,1"' in text
+
+
+GPX = """<?xml version="1.0"?>
+<gpx version="1.1" creator="a" xmlns="http://www.topografix.com/GPX/1/1" xmlns:x="urn:x">
+  <metadata><name>walk</name></metadata>
+  <wpt lat="1" lon="2"/>
+  <trk><name>up</name><trkseg>
+    <trkpt lat="50" lon="7"><ele>100</ele><time>2020-01-01T00:00:00Z</time></trkpt>
+    <trkpt lat="50.1" lon="7"><time>2020-01-01T00:00:01Z</time><extensions><x:hr>90</x:hr></extensions></trkpt>
+    <trkpt lat="50.2" lon="7.1"><ele>120</ele><time>2020-01-01T00:00:02Z</time></trkpt>
+  </trkseg><trkseg><trkpt lat="51" lon="7"/></trkseg></trk>
+  <rte><rtept lat="0" lon="0"/><rtept lat="0" lon="1"/><rtept lat="1" lon="1"/><rtept lat="0" lon="0"/></rte>
+</gpx>
+"""
+
+
+def test_gpx(tmp_path):
+    path = tmp_path / "a.gpx"
+    path.write_text(GPX, "utf-8")
+    with pytest.warns(UserWarning, match=r"track 0 \(up\), segment 1 has 1 vertices, it needs 2"):
+        found = gr.read_curves(path)
+    track, route = found.curves
+    assert track.points.tolist() == [[7, 50], [7, 50.1], [7.1, 50.2]] and not track.closed and found.degrees
+    assert route.closed and len(route.points) == 3 and route.more.shape == (3, 0)
+    np.testing.assert_array_equal(track.more[:, 0], [100, np.nan, 120])
+    kept = [0, 2]
+    fewer = CurveInFile(track.points[kept] + [0.5, 0], False, track.more[kept], rows=track.rows[kept])
+    gr.write_curves(path, [fewer, CurveInFile(route.points + 1, True, route.more)], like=found)
+    text = path.read_text("utf-8")
+    assert text.count("<trkpt") == 3 and text.count("<rtept") == 4 and "x:hr" not in text and "ns0" not in text
+    assert [t for t in range(3) if f"00:00:0{t}Z" in text] == kept
+    assert "<ele>120</ele>" in text and '<wpt lat="1" lon="2" />' in text and "walk" in text
+    with pytest.warns(UserWarning):
+        again = gr.read_curves(path).curves
+    assert (
+        again[0].points.tolist() == [[7.5, 50], [7.6, 50.2]] and again[1].points.tolist() == (route.points + 1).tolist()
+    )
+    # other vertices than those of the file have no times
+    gr.write_curves(path, [CurveInFile(track.points[:2], False, np.empty((2, 0))), route], like=found)
+    assert "Z</time>" not in path.read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("<kml/>", "its root is not <gpx>"),
+        ("<gpx", "damaged, or no XML"),
+        ("<gpx><wpt lat='1' lon='2'/></gpx>", "contains no polygonal curve"),
+        ("<gpx><rte><rtept lat='a' lon='2'/><rtept lat='1' lon='2'/></rte></gpx>", "no lon and lat"),
+        ("<!DOCTYPE g [<!ENTITY a 'x'><!ENTITY b '&a;&a;'>]><gpx>&b;</gpx>", "'b', which refers to others"),
+        ("<!DOCTYPE g [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><gpx>&a;</gpx>", "'a', which refers to"),
+    ],
+)
+def test_broken_gpx(tmp_path, content, words):
+    (tmp_path / "a.gpx").write_text(content, "utf-8")
+    with pytest.raises(gr.CurveError, match=words):
+        gr.read_curves(tmp_path / "a.gpx")
+    with pytest.raises(gr.CurveError, match="a latitude of 91 is outside"):
+        gr.write_curves(tmp_path / "b.gpx", [CurveInFile(np.array([[0.0, 0], [0, 91]]), False, np.empty((2, 0)))])

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 
 import gpureg as gr
-from gpureg.curves.skeletons import _inside
+from gpureg.curves.crossings import is_inside
 
 
 def rectangle(width, height, step=1.0):
@@ -37,7 +37,7 @@ def test_radii_are_distances_from_the_vertices():
     found = gr.skeleton(polygon)
     distance = np.linalg.norm(found.positions[:, None] - polygon[None], axis=2).min(axis=1)
     np.testing.assert_allclose(found.radii, distance, rtol=1e-9)
-    assert _inside(found.positions, polygon).all()
+    assert is_inside(found.positions, polygon).all()
 
 
 def test_branches_are_all_edges_once():
@@ -82,7 +82,7 @@ def test_inside_is_by_even_and_odd(turn):
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     points = np.random.default_rng(2).random((500, 2)) * 2 - 0.5
     expected = ((points > 0) & (points < 1)).all(axis=1)
-    np.testing.assert_array_equal(_inside(points @ rotation.T, square @ rotation.T), expected)
+    np.testing.assert_array_equal(is_inside(points @ rotation.T, square @ rotation.T), expected)
 
 
 def test_polygons_without_much_inside():
