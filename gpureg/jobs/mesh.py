@@ -149,7 +149,7 @@ def _simplified(
         found=found,
         hausdorff=metrics.hausdorff((after.vertices, after.faces), (surface.vertices, surface.faces)),
     )
-    return surface.like(found.vertices, found.faces, found.kept), after, report
+    return surface.like(found.vertices, found.carried), after, report
 
 
 def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
