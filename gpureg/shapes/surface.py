@@ -20,11 +20,12 @@ KINDS = "(vertices, faces), or a mesh of trimesh, PyVista or Open3D"
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Vertices (n, 3), triangles (F, 3), and a function that makes a mesh of the input's type."""
+    """Vertices (n, 3), triangles (F, 3), a function that makes a mesh of the input's type, and notes in words."""
 
     vertices: FloatArray
     faces: IntArray
     make: Maker
+    notes: tuple[str, ...] = ()
 
     def like(self, vertices: FloatArray, carried: Carried | None = None) -> Any:
         """Make a mesh of the input's type; a warning names what it lost.
@@ -79,12 +80,23 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
     Raises
     ------
     TypeError, ValueError
-        Another type; vertices that are not finite points in space; faces that are not triangles.
+        Another type; faces with vertices that are not finite points in space; faces that are not triangles.
+
+    Warns
+    -----
+    UserWarning
+        Vertices that are not finite, and belong to no face.
     """
     if isinstance(mesh, Surface) and faces is None:
         return mesh
-    if faces is not None:
-        mesh = (mesh, faces)
+    surface = taken_apart(mesh if faces is None else (mesh, faces))
+    for note in surface.notes:
+        warnings.warn(note, stacklevel=outside())
+    return surface
+
+
+def taken_apart(mesh: Any) -> Surface:
+    """Convert a mesh to a surface as :func:`surface_of`, without a warning for its notes."""
     for known in (of_pair, of_trimesh, of_pyvista, of_open3d):
         found = known(mesh)
         if found is not None:
@@ -102,6 +114,7 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
         raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut the faces into triangles first")
     if not len(corners):
         raise ValueError("the mesh has no face; for points without faces use gpureg.denoise_points")
+    notes: tuple[str, ...] = ()
     if wrong is not None:
         # without a face they take part in nothing: they come back as they were
         points[wrong] = points[~wrong].mean(axis=0)
@@ -110,7 +123,7 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
         warnings.warn(
             f"{count} vertices are not finite; they belong to no face, and are left out", stacklevel=outside()
         )
-    return Surface(points, corners, make)
+    return Surface(points, corners, make, notes)
 
 
 def not_finite(vertices: npt.NDArray[Any], faces: npt.ArrayLike) -> npt.NDArray[np.bool_] | None:
