@@ -69,7 +69,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "warp": ("backends/warp/", "kernels/warp/"),
     "matplotlib": ("plot/", "figures/sheet.py", "cli/figures.py"),
     "skimage": ("plot/", "cli/demo.py", "cli/figures.py", "figures/"),
-    "trimesh": ("metrics.py", "meshes/reading.py", "meshes/writing.py", "points/files.py"),
+    "trimesh": ("metrics.py", "meshes/contents.py", "meshes/scenes.py", "points/files.py"),
     "PIL": ("files/pictures.py",),
     "tifffile": ("files/tiff.py",),
     "imagecodecs": ("files/pictures.py",),

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import metrics
+from ..meshes.beside import KEY, Told
 from ..meshes.denoise import denoised
 from ..meshes.filters import Filter
-from ..meshes.reading import MeshError, check_format, read_mesh
+from ..meshes.reading import MeshError, MeshFile, check_format, load_mesh
 from ..meshes.simplify import simplified
-from ..meshes.writing import encode_mesh
-from ..shapes.surface import Surface, surface_of
+from ..meshes.writing import encode_mesh, loss_of_digits
+from ..shapes.surface import Surface, taken_apart
 from ..weights import cotangent
 from .mesh_report import Measures, MeshDenoisingReport, MeshErrors, MeshReport, MeshSimplificationReport
 from .options import WEIGHTS, ViewedSettings
@@ -89,13 +90,17 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
     outputs = Outputs(source, settings.reference)
     outputs.expect("OUT", target)
     outputs.expect_picture(settings.picture, MeshError)
-    surface, mesh, dtype = _read(source)
-    truth = None if settings.reference is None else _read(settings.reference)[0]
+    given = load_mesh(source)
+    surface = _surface(given)
+    truth = None if settings.reference is None else _surface(load_mesh(settings.reference))
     work = _simplified if settings.simplifies else _denoised
-    result, after, report = work(source, target, surface, mesh, settings, progress)
+    result, after, report, lost = work(source, target, surface, given.mesh, settings, progress)
     if truth is not None and settings.reference is not None:
         report = replace(report, errors=MeshErrors.of(settings.reference, surface, after, truth))
-    outputs.put(target, encode_mesh(target, result, dtype))
+    encoded, notes = _encoded(source, target, given, surface, result, after)
+    changed = [f"the new mesh lost {', '.join(lost)}"] if lost else []
+    report = replace(report, notes=(*given.told.lines("not read:"), *surface.notes, *changed, *notes))
+    outputs.put(target, encoded)
     if settings.picture is not None:
         outputs.draw(settings.picture, _drawn(surface, after, truth, settings, report.filter))
     outputs.write()
@@ -104,7 +109,7 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
 
 def _denoised(
     source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
-) -> tuple[Any, Surface, MeshReport]:
+) -> tuple[Any, Surface, MeshReport, list[str]]:
     values = None if settings.values is None else _values(mesh, settings.values, source)
     found = denoised(
         surface,
@@ -115,7 +120,7 @@ def _denoised(
         **settings.model_on(surface, "filter", "sigma", "max_displacement"),
     )
     after = Surface(found.vertices, surface.faces, surface.make)
-    result = surface.like(found.vertices)
+    result, lost = surface.made(found.vertices)
     if settings.values is not None:
         _put(result, settings.values, found.value)
     report = MeshDenoisingReport(
@@ -128,12 +133,12 @@ def _denoised(
         measures=Measures.of(surface, after) if found.moves else None,
         found=found,
     )
-    return result, after, report
+    return result, after, report, lost
 
 
 def _simplified(
     source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
-) -> tuple[Any, Surface, MeshReport]:
+) -> tuple[Any, Surface, MeshReport, list[str]]:
     found = simplified(surface, n_vertices=settings.n_vertices, progress=progress, **settings.model_on(surface))
     after = Surface(found.vertices, found.faces, surface.make)
     rounds = len(found.results)
@@ -149,18 +154,33 @@ def _simplified(
         found=found,
         hausdorff=metrics.hausdorff((after.vertices, after.faces), (surface.vertices, surface.faces)),
     )
-    return surface.like(found.vertices, found.carried), after, report
+    result, lost = surface.made(found.vertices, found.carried)
+    return result, after, report, lost
 
 
-def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
-    """Read a mesh; return the surface, the mesh of trimesh, and the type of its coordinates."""
-    found = read_mesh(path)
-    surface = surface_of(found.mesh)
-    if path.suffix.lower() == ".stl":
-        # an STL stores the vertices of each face separately: merge them, or another format would repeat them
-        whole, _ = surface.welded()
-        surface = surface_of((whole.vertices, whole.faces))
-    return surface, found.mesh, found.dtype
+def _surface(given: MeshFile) -> Surface:
+    return taken_apart(given.mesh)
+
+
+def _encoded(
+    source: Path, target: Path, given: MeshFile, before: Surface, result: Any, after: Surface
+) -> tuple[bytes, list[str]]:
+    """Encode the result; return notes on what the file has no place for."""
+    kind, told = check_format(target), Told()
+    moved = after.vertices - before.vertices if after.vertices.shape == before.vertices.shape else None
+    change = None if moved is None else float(np.sqrt((moved**2).sum(axis=1).mean()))
+    dtype: np.dtype[Any] | None = given.dtype
+    # a PLY of the type of IN, unless that loses what was done
+    if kind == "PLY" and dtype == np.float32 and loss_of_digits(after, "the file holds", change):
+        dtype = None
+        told.notes.append("the coordinates are float64 now: float32, as in IN, would lose too much of what was changed")
+    encoded = encode_mesh(target, result, dtype, told=told, change=change)
+    beside = result.metadata[KEY]
+    if kind == "OBJ" and beside.libraries and source.absolute().parent != target.absolute().parent:
+        missing = [name for name in beside.libraries if not (target.parent / name).exists()]
+        if missing:
+            told.notes.append(f"OUT names the materials in {', '.join(missing)}: copy them, with their pictures, to it")
+    return encoded, told.lines(f"{kind} has no place for")
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:

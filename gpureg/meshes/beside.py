@@ -84,15 +84,21 @@ class Beside:
         polygon = np.repeat(np.arange(len(self.sizes)), self.sizes)[self.at[:, 0]]
         return np.unique(polygon, return_index=True)[1]
 
-    def normals_of(self, vertices: FloatArray) -> FloatArray | None:
-        """Return the normals, (m, 3), computed again if the vertices have moved."""
+    def normals_of(self, vertices: FloatArray) -> tuple[FloatArray | None, IntArray | None]:
+        """Return the normals, (m, 3), and that of each corner, (c,); computed again if the vertices have moved.
+
+        Corners at one vertex with the same old normal are on one side of a crease, and have the same new normal.
+        """
         if self.normals is None or self.normal_of is None or np.array_equal(vertices, self.vertices):
-            return self.normals
-        faces, items = self.corners[self.at], self.normal_of[self.at]
-        old, now = (summed_areas(v, faces, items, len(self.normals)) for v in (self.vertices, vertices))
-        renewed = side_of(self.normals, old) * unit(now)
-        found: FloatArray = np.where((now != 0).any(axis=1)[:, None], renewed, self.normals)
-        return found
+            return self.normals, self.normal_of
+        keys = np.stack([self.copies[self.corners], self.normal_of], axis=1)
+        found, items = np.unique(keys, axis=0, return_inverse=True)
+        items = items.ravel()
+        faces, at = self.corners[self.at], items[self.at]
+        before, now = (summed_areas(v, faces, at, len(found)) for v in (self.vertices, vertices))
+        given = self.normals[found[:, 1]]
+        renewed = side_of(given, before) * unit(now)
+        return np.where((now != 0).any(axis=1)[:, None], renewed, given), items
 
     def carried_to(self, split: Split) -> tuple[Beside, list[str]]:
         """Return what is left for a simplified mesh, and what was lost, in words."""

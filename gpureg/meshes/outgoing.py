@@ -63,6 +63,7 @@ def _of_trimesh(mesh: Any, told: Told) -> Contents:
     extra = sorted(str(key) for key in mesh.metadata if key not in _MADE)
     if extra:
         told.lost.append(f"the metadata {', '.join(extra)}")
+    normals, normal_of = beside.normals_of(vertices)
     materials = beside.materials
     if kind == "texture" and given is None and getattr(visual, "material", None) is not None:
         materials = (visual.material,)
@@ -74,8 +75,8 @@ def _of_trimesh(mesh: Any, told: Told) -> Contents:
         of_faces={name: x[first] for name, x in of_faces.items()},
         uv=uv,
         uv_of=None if len(one) == n else beside.corners,
-        normals=beside.normals_of(vertices),
-        normal_of=beside.normal_of,
+        normals=normals,
+        normal_of=normal_of,
         names=beside.names,
         comments=beside.comments,
         libraries=beside.libraries,

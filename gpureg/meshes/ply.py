@@ -20,6 +20,7 @@ _TYPES = {
 
 # Names that writers give to a place in a texture at a vertex.
 _PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_LABELS = ("object", "group", "material", "smoothing")
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -242,7 +243,24 @@ def _contents(elements: dict[str, _Element], comments: list[str]) -> Contents:
         colours = _colours(element, lost)
         data |= element.numbers if colours is None else element.numbers | {"colours": colours}
         lost += [f"the lists {name!r} of its element {element.name}" for name in element.lists]
+    _take_names(found)
     return found
+
+
+def _take_names(found: Contents) -> None:
+    """Take the names of materials, groups and objects, which :func:`gpureg.write_mesh` writes as comments."""
+    rest, names, libraries = list[str](), dict[str, dict[int, str]](), list[str]()
+    for line in found.comments:
+        _, label, *more = [*line.split(" ", 3), "", "", ""][:4]
+        if label == "mtllib":
+            libraries.append(line.split(" ", 2)[2])
+        elif label in _LABELS and label in found.of_faces and more[0].isdigit():
+            names.setdefault(label, {})[int(more[0])] = more[1]
+        else:
+            rest.append(line)
+    if all(sorted(known) == list(range(len(known))) for known in names.values()):
+        found.names = {label: tuple(known[k] for k in sorted(known)) for label, known in names.items()}
+        found.comments, found.libraries = tuple(rest), tuple(libraries)
 
 
 def _colours(element: _Element, lost: list[str]) -> npt.NDArray[np.uint8] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import os
 import struct
@@ -169,7 +170,11 @@ def encode_scene(contents: Contents, kind: str, lost: list[str]) -> bytes:
         used = np.arange(n) if part.all() else np.unique(corners[part])
         local = np.searchsorted(used, corners[part])
         names = contents.names.get("object", ())
-        name = names[number] if 0 <= number < len(names) else "mesh"
+        name = whole = names[number] if 0 <= number < len(names) else "mesh"
+        for k in itertools.count(1):
+            if name not in scene.geometry:
+                break
+            name = f"{whole}_{k}"
         more: dict[str, Any] = {}
         if colours is not None and contents.uv is None:
             more["vertex_colors"] = colours[used]
