@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+
+from ..jobs.batch import is_pattern
 
 
 def examples(*calls: str) -> str:
@@ -51,6 +55,14 @@ as_json = click.option(
 )
 quiet = click.option("--quiet", is_flag=True, help="Print no report.")
 progress = click.option("--progress/--no-progress", default=None, help="Show a progress bar.  [default: on a terminal]")
+
+
+def inputs(paths: Sequence[str]) -> tuple[list[str], str, bool]:
+    """Split the arguments IN... OUT; return IN, OUT, and whether OUT is a folder for many files."""
+    if len(paths) < 2:
+        raise click.UsageError("Missing IN and OUT." if not paths else f"Missing OUT: where to write {paths[0]}?")
+    *names, out = paths
+    return names, out, len(names) > 1 or is_pattern(names[0]) or os.path.isdir(out)
 
 
 def view(text: str) -> tuple[float, float] | str:

@@ -7,9 +7,11 @@ import re
 import shutil
 import sys
 import textwrap
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import click
+
+from ..jobs.many import Many
 
 
 class Report(Protocol):
@@ -28,6 +30,17 @@ def tell(report: Report, as_json: bool, quiet: bool) -> None:
         click.echo(json.dumps(report.as_json(), indent=2))
     elif not quiet:
         say("\n".join(report.lines()))
+
+
+def tell_many(outcome: Many, as_json: bool, quiet: bool) -> NoReturn:
+    """Print what was done with many files, and exit; failures go to standard error."""
+    if outcome.failed:
+        click.echo(f"gpureg: {outcome.failures()}", err=True)
+    if outcome.interrupted:
+        click.echo(f"gpureg: interrupted, {len(outcome.done)} of {outcome.count} files were done", err=True)
+        raise click.exceptions.Exit(130)
+    tell(outcome, as_json, quiet)
+    raise click.exceptions.Exit(1 if outcome.failed else 0)
 
 
 def say(text: str, *, err: bool = False) -> None:

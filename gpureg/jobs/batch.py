@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -71,8 +71,13 @@ class Outcome:
 
     def failures(self) -> str:
         """List the files that failed, and why."""
-        told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
-        return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
+        return failures(self.failed, self.count)
+
+
+def failures(failed: Sequence[tuple[Path, str]], count: int) -> str:
+    """List the files of `count` that failed, and why."""
+    told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in failed)
+    return "\n".join((f"{len(failed)} of {count} files failed:", *(f"  {line}" for line in told)))
 
 
 def is_pattern(text: str) -> bool:
@@ -100,7 +105,23 @@ def expand(names: Sequence[str]) -> list[Path]:
 
 
 def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> list[Path]:
+    """List the pictures to write, as :func:`targets_of`; `settings` names the files that are read beside `sources`."""
+    return targets_of(folder, sources, [path for source in sources for path in beside_of(source, settings)])
+
+
+def targets_of(
+    folder: Path, sources: Sequence[Path], others: Iterable[Path] = (), *, formats: Iterable[str] = FORMATS
+) -> list[Path]:
     """List the files to write: the names of `sources` in `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+    sources : sequence of Path
+    others : iterable of Path
+        Files that are read beside `sources`.
+    formats : iterable of str
+        Extensions of files; a new folder with one of these is refused.
 
     Raises
     ------
@@ -110,8 +131,9 @@ def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> lis
     is_there = os.path.exists(folder)
     if is_there and not folder.is_dir():
         raise ValueError(f"{folder} is a file; several inputs, or a pattern, need a folder as OUT")
-    if not is_there and folder.suffix.lower() in FORMATS:
-        raise ValueError(f"{folder} is named like a picture; several inputs, or a pattern, need a folder as OUT")
+    if not is_there and folder.suffix.lower() in formats:
+        what = "a picture" if formats is FORMATS else "a file"
+        raise ValueError(f"{folder} is named like {what}; several inputs, or a pattern, need a folder as OUT")
     if not is_there and not os.path.isdir(folder.parent):
         raise PictureError(f"{folder} cannot be created: the folder {folder.parent} does not exist")
     owner: dict[str, Path] = {}
@@ -123,12 +145,19 @@ def targets_in(folder: Path, sources: Sequence[Path], settings: Settings) -> lis
             )
         owner[name] = source
     targets = [folder / source.name for source in sources]
-    read = [*sources, *(path for source in sources for path in beside_of(source, settings))]
-    known = {_identity(path): path for path in read if os.path.exists(path)}
+    known = {_identity(path): path for path in (*sources, *others) if os.path.exists(path)}
     for target in targets:
         if os.path.exists(target) and (path := known.get(_identity(target))):
             raise ValueError(f"{target} would overwrite {path}, which is read; give another folder")
     return targets
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder if it does not exist; raise PictureError if that fails."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise PictureError(f"{folder} cannot be created: {error.strerror}") from None
 
 
 def _identity(path: Path) -> tuple[int, int]:
@@ -160,10 +189,7 @@ def denoise_files(
     """
     targets = targets_in(folder, sources, settings)
     rehearse(settings)
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise PictureError(f"{folder} cannot be created: {error.strerror}") from None
+    make_folder(folder)
     outcome = Outcome(folder, len(sources))
     try:
         # Printed plans would mix with the bar.

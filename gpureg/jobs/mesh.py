@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,16 @@ from .. import metrics
 from ..meshes.beside import KEY, Told
 from ..meshes.denoise import denoised
 from ..meshes.filters import Filter
-from ..meshes.reading import MeshError, MeshFile, check_format, load_mesh
+from ..meshes.reading import FORMATS, MeshError, MeshFile, check_format, load_mesh
 from ..meshes.simplify import simplified
 from ..meshes.writing import encode_mesh, loss_of_digits
 from ..shapes.surface import Surface, taken_apart
 from ..weights import cotangent
+from .many import Many, treat_files
 from .mesh_report import Measures, MeshDenoisingReport, MeshErrors, MeshReport, MeshSimplificationReport
 from .options import WEIGHTS, ViewedSettings
 from .outputs import Outputs
+from .slices import beside
 
 MESH_WEIGHTS = (*WEIGHTS, "cotangent")
 
@@ -87,16 +90,17 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
     """
     settings.check()
     check_format(target)
-    outputs = Outputs(source, settings.reference)
+    reference = None if settings.reference is None else beside(settings.reference, source)
+    outputs = Outputs(source, reference)
     outputs.expect("OUT", target)
     outputs.expect_picture(settings.picture, MeshError)
     given = load_mesh(source)
     surface = _surface(given)
-    truth = None if settings.reference is None else _surface(load_mesh(settings.reference))
+    truth = None if reference is None else _surface(load_mesh(reference))
     work = _simplified if settings.simplifies else _denoised
     result, after, report, lost = work(source, target, surface, given.mesh, settings, progress)
-    if truth is not None and settings.reference is not None:
-        report = replace(report, errors=MeshErrors.of(settings.reference, surface, after, truth))
+    if truth is not None and reference is not None:
+        report = replace(report, errors=MeshErrors.of(reference, surface, after, truth))
     encoded, notes = _encoded(source, target, given, surface, result, after)
     changed = [f"the new mesh lost {', '.join(lost)}"] if lost else []
     report = replace(report, notes=(*given.told.lines("not read:"), *surface.notes, *changed, *notes))
@@ -105,6 +109,30 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
         outputs.draw(settings.picture, _drawn(surface, after, truth, settings, report.filter))
     outputs.write()
     return report
+
+
+def mesh_files(sources: Sequence[Path], folder: Path, settings: MeshSettings, *, progress: bool = False) -> Many:
+    """Denoise or simplify the meshes of many files into a folder; the parameters are as in :func:`mesh_file`.
+
+    ``settings.reference`` is one file for all, or a folder with files named as the inputs.
+
+    Raises
+    ------
+    PictureError, ValueError
+        The options or the folder are wrong for all files; raised before any work.
+    """
+    settings.check()
+    if settings.picture is not None:
+        raise ValueError("--picture is one file: it needs a single IN")
+    read_too = [] if settings.reference is None else [beside(settings.reference, source) for source in sources]
+    return treat_files(
+        sources,
+        folder,
+        lambda source, target: mesh_file(source, target, settings),
+        others=read_too,
+        formats=FORMATS,
+        progress=progress,
+    )
 
 
 def _denoised(

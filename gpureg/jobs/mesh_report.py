@@ -121,10 +121,9 @@ class MeshReport(ShapeReport):
         picture = {"picture": report.pop("picture")} if "picture" in report else {}
         return report | {"reference": self.errors.as_json()} | picture
 
-    def lines(self) -> list[str]:
-        """Return the report as lines of text."""
-        *lines, last = super().lines()
-        return [*lines, *(f"note     {note}" for note in self.notes), last]
+    def cautions(self) -> list[str]:
+        """Return the notes as lines of text."""
+        return [f"note     {note}" for note in self.notes]
 
     def _quality(self, last: str) -> list[str]:
         lines = []

@@ -175,9 +175,14 @@ class ShapeReport(ABC):
             *self._noise(),
             f"filter   {self.filter}",
             *self._found(),
+            *self.cautions(),
             *([] if self.picture is None else [f"picture  {self.picture}"]),
             f"done     {self.seconds:.2f} s{on}{f'; {size}' if size else ''} -> {self.output}",
         ]
+
+    def cautions(self) -> list[str]:
+        """Return the lines on what could not be treated, or came out otherwise than a user may expect."""
+        return []
 
     @abstractmethod
     def _told(self) -> dict[str, Any]:

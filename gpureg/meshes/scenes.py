@@ -111,7 +111,7 @@ def _take_materials(found: Contents, meshes: list[Any], textures: list[bool], of
     kinds: list[Any] = []
     numbers = []
     for material in materials:
-        same = next((k for k, known in enumerate(kinds) if known is material), len(kinds))
+        same = next((k for k, known in enumerate(kinds) if hash(known) == hash(material)), len(kinds))
         numbers.append(same)
         kinds += [material] if same == len(kinds) else []
     found.materials = tuple(kinds)
