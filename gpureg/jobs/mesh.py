@@ -103,7 +103,7 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
         report = replace(report, errors=MeshErrors.of(reference, surface, after, truth))
     encoded, notes = _encoded(source, target, given, surface, result, after)
     changed = [f"the new mesh lost {', '.join(lost)}"] if lost else []
-    report = replace(report, notes=(*given.told.lines("not read:"), *surface.notes, *changed, *notes))
+    report = replace(report, notes=(*report.notes, *given.told.lines("not read:"), *surface.notes, *changed, *notes))
     outputs.put(target, encoded)
     if settings.picture is not None:
         outputs.draw(settings.picture, _drawn(surface, after, truth, settings, report.filter))
@@ -181,6 +181,7 @@ def _simplified(
         measures=Measures.of(surface, after),
         found=found,
         hausdorff=metrics.hausdorff((after.vertices, after.faces), (surface.vertices, surface.faces)),
+        notes=tuple(found.notes),
     )
     result, lost = surface.made(found.vertices, found.carried)
     return result, after, report, lost

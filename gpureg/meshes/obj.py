@@ -144,7 +144,9 @@ def _absolute(index: IntArray, count: int, before: IntArray, word: str) -> IntAr
     found: IntArray = np.where(index < 0, before + index, index - 1)
     wrong = (index != 0) & ((found < 0) | (found >= count))
     if wrong.any():
-        raise Fault(f"a face names the {word} {index[wrong][0]}, and it has {count}")
+        k = int(np.flatnonzero(wrong)[0])
+        there = f"has {count} of them" if index[k] > 0 else f"has {before[k]} of them before it"
+        raise Fault(f"a face names number {index[k]} of the lines {word!r}, and the file {there}")
     return found
 
 

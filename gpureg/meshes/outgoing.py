@@ -9,13 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..shapes.makers import NORMALS
 from ..shapes.renewed_normals import unit
 from ..shapes.surface import Surface
 from .beside import KEY, Beside, Told
 from .contents import CHANNELS, Contents
 
-# Metadata that trimesh makes itself.
-_MADE = {KEY, "name", "file_name", "file_path", "node", "units", "from_gltf_primitive", "source", "shape", "processed"}
+# Metadata that trimesh makes itself, from files and for the shapes of trimesh.creation.
+MADE = {KEY, "name", "file_name", "file_path", "node", "units", "from_gltf_primitive", "gltf_extensions", "source"}
+MADE |= {"shape", "radius", "extents", "height", "bounds", "processed"}
 
 
 def contents_of(mesh: Any, surface: Surface, told: Told) -> Contents:
@@ -60,7 +62,7 @@ def _of_trimesh(mesh: Any, told: Told) -> Contents:
         of_faces["colours"] = np.asarray(visual.face_colors, np.uint8)
     uv = np.asarray(visual.uv, np.float64) if kind == "texture" and np.shape(visual.uv) == (n, 2) else None
     copies, one = _copies(beside.copies, vertices, at_vertices, uv is not None)
-    extra = sorted(str(key) for key in mesh.metadata if key not in _MADE)
+    extra = sorted(str(key) for key in mesh.metadata if key not in MADE)
     if extra:
         told.lost.append(f"the metadata {', '.join(extra)}")
     normals, normal_of = beside.normals_of(vertices)
@@ -116,9 +118,12 @@ def _take_pyvista(mesh: Any, found: Contents, told: Told) -> None:
         for name in data:
             values = np.asarray(data[name])[begin:]
             coloured = values.dtype == np.uint8 and values.ndim == 2 and values.shape[1] in (3, 4)
-            if data is mesh.point_data and name == names[0]:
+            normal = str(name).lower() in NORMALS or (into is found.at_vertices and name == names[0])
+            if normal and into is found.at_vertices:
                 found.normals = np.asarray(values, np.float64)
-            elif data is mesh.point_data and name == names[1]:
+            elif normal:
+                continue  # every reader computes them
+            elif into is found.at_vertices and name == names[1]:
                 found.uv = np.asarray(values, np.float64)
             else:
                 into["colours" if coloured and "colours" not in into else str(name)] = values

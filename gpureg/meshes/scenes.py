@@ -16,12 +16,10 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from .beside import Told
 from .contents import Contents, Fault
+from .outgoing import MADE
 
 # Parts of a glTF document that a mesh has no place for.
 _OTHER = {"animations": "animations", "skins": "skins", "cameras": "cameras"}
-
-# Metadata that trimesh makes itself.
-_MADE = ("units", "from_gltf_primitive", "name", "node", "file_name", "file_path", "gltf_extensions")
 
 
 def parse_scene(data: bytes, kind: str, path: str | os.PathLike[str]) -> Contents:
@@ -92,7 +90,7 @@ def joined(parts: list[tuple[str, str, Any, FloatArray]], told: Told) -> Content
     if all("vertex_normals" in mesh._cache for mesh in meshes):
         found.normals = np.concatenate([np.asarray(mesh.vertex_normals) for mesh in meshes])
     _take_attributes(found, meshes, counts)
-    extra = {key for mesh in meshes for key in mesh.metadata if key not in _MADE}
+    extra = {key for mesh in meshes for key in mesh.metadata if key not in MADE}
     if extra:
         told.lost.append(f"the metadata {', '.join(sorted(map(str, extra)))}")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..checks import integer, number
-from ..doors import door, part_of
+from ..doors import door, outside, part_of
 from ..graphs.of_shapes import mesh_graph
 from ..model.result import Result
 from ..regularization.options import RUN, Run
@@ -68,6 +69,8 @@ class MeshSimplification:
         The run of each round.
     seconds : float
         Wall-clock time.
+    asked : int or None
+        The number of vertices that was asked for.
     """
 
     surface: Surface
@@ -81,6 +84,15 @@ class MeshSimplification:
     refused: int
     results: list[Result]
     seconds: float
+    asked: int | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user may not expect, in sentences."""
+        if self.asked is None or len(self.vertices) <= self.asked:
+            return []
+        why = "the surface allows no more" if self.refused else "the process brought no more together: raise max_iter"
+        return [f"{len(self.vertices)} vertices are left instead of {self.asked}: {why}"]
 
     @property
     def carried(self) -> Carried:
@@ -150,7 +162,9 @@ def simplified(
             share = _CHEAP
     spent = time.perf_counter() - begin
     moved = v + centre
-    return MeshSimplification(surface, moved, triangles, kept, origin, which, labels, met, refused, results, spent)
+    return MeshSimplification(
+        surface, moved, triangles, kept, origin, which, labels, met, refused, results, spent, n_vertices
+    )
 
 
 @door(options=RUN)
@@ -194,7 +208,7 @@ def simplify_mesh(found: MeshSimplification) -> Any:
     Warns
     -----
     UserWarning
-        Names the data that the new mesh has not.
+        Names the data that the new mesh has not; more than `n_vertices` are left.
 
     Raises
     ------
@@ -224,6 +238,8 @@ def simplify_mesh(found: MeshSimplification) -> Any:
     >>> len(vertices), round(gr.metrics.area((vertices, faces)))
     (9, 64)
     """
+    for note in found.notes:
+        warnings.warn(note, stacklevel=outside())
     return found.surface.like(found.vertices, found.carried)
 
 

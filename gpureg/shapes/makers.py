@@ -20,7 +20,7 @@ Maker = Callable[[FloatArray, IntArray, Carried | None], tuple[Any, list[str]]]
 Found = tuple[npt.ArrayLike, npt.ArrayLike, Maker]
 
 # Names that normals have among the data at vertices and faces.
-_NORMALS = ("normal", "normals", "vertex_normals", "point_normals", "face_normals", "cell_normals")
+NORMALS = ("normal", "normals", "vertex_normals", "point_normals", "face_normals", "cell_normals")
 
 
 def of_pair(mesh: Any) -> Found | None:
@@ -113,7 +113,7 @@ def _renew(data: Any, renewed: Any, now: tuple[Any, Any], before: tuple[Any, Any
     """Compute the normals among the data at vertices or faces again, in place."""
     for name in list(data):
         given = np.asarray((data if old is None else old)[name])
-        if str(name).lower() in _NORMALS and given.ndim == 2 and given.shape[1] == 3 and given.dtype.kind == "f":
+        if str(name).lower() in NORMALS and given.ndim == 2 and given.shape[1] == 3 and given.dtype.kind == "f":
             data[name] = renewed(*now, *before, given)
 
 
@@ -141,7 +141,7 @@ def of_pyvista(mesh: Any) -> Found | None:
             (made.point_data, mesh.point_data, names[0], renewed_vertex_normals),
             (made.cell_data, mesh.cell_data, names[1], renewed_face_normals),
         ):
-            if name is not None and str(name).lower() not in _NORMALS and len(mesh.regular_faces) == mesh.n_cells:
+            if name is not None and str(name).lower() not in NORMALS and len(mesh.regular_faces) == mesh.n_cells:
                 data[name] = renewed(*now, *before, np.asarray(old[name]))
             if name is not None:
                 data.active_normals_name = name
@@ -152,7 +152,7 @@ def of_pyvista(mesh: Any) -> Found | None:
 
 def _pyvista_with_less(mesh: Any, carried: Carried, lost: list[str]) -> tuple[Any, tuple[FloatArray, IntArray]]:
     points = {name: np.asarray(mesh.point_data[name]) for name in mesh.point_data}
-    normals = {name for name in points if name.lower() in _NORMALS} | {mesh.point_data.active_normals_name}
+    normals = {name for name in points if name.lower() in NORMALS} | {mesh.point_data.active_normals_name}
     split = carried.split([x for name, x in points.items() if name not in normals])
     made = type(mesh).from_regular_faces(split.vertices, split.faces)
     for name, values in points.items():
