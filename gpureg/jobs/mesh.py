@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import metrics
-from ..meshes.beside import KEY, Told
+from ..meshes.beside import KEY, Beside, Told
 from ..meshes.denoise import denoised
 from ..meshes.filters import Filter
 from ..meshes.reading import FORMATS, MeshError, MeshFile, check_format, load_mesh
@@ -204,12 +204,19 @@ def _encoded(
         dtype = None
         told.notes.append("the coordinates are float64 now: float32, as in IN, would lose too much of what was changed")
     encoded = encode_mesh(target, result, dtype, told=told, change=change)
-    beside = result.metadata[KEY]
-    if kind == "OBJ" and beside.libraries and source.absolute().parent != target.absolute().parent:
-        missing = [name for name in beside.libraries if not (target.parent / name).exists()]
-        if missing:
-            told.notes.append(f"OUT names the materials in {', '.join(missing)}: copy them, with their pictures, to it")
+    needed = _needed(result.metadata[KEY], kind)
+    missing = [name for name in needed if not (target.parent / name).exists()]
+    if missing and source.absolute().parent != target.absolute().parent:
+        told.notes.append(f"OUT needs {', '.join(missing)} beside it: copy what lies beside IN")
     return encoded, told.lines(f"{kind} has no place for")
+
+
+def _needed(beside: Beside, kind: str) -> list[str]:
+    """List the files of materials and textures that a file of this kind names."""
+    if kind == "OBJ":
+        return list(beside.libraries)
+    words = (line.split(None, 2) for line in beside.comments)
+    return [w[2] for w in words if kind == "PLY" and len(w) == 3 and w[1].lower() == "texturefile"]
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:

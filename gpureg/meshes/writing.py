@@ -121,15 +121,18 @@ def loss_of_digits(surface: Surface, holder: str, change: float | None) -> list[
     rms = float(np.sqrt(np.mean(loss**2)))
     edges = face_edges(surface.faces)
     edge = float(np.linalg.norm(surface.vertices[edges[:, 0]] - surface.vertices[edges[:, 1]], axis=1).mean())
-    beside = [(change, "of what was changed"), (edge, "of the mean edge")]
-    shares = [(rms / x, words) for x, words in beside if x]
-    told = [f"{100 * share:.2g} % {words}" for share, words in shares if share > _LOSS]
+    shares = [(rms / x, words) for x, words in ((change, "what was changed"), (edge, "the mean edge")) if x]
+    told = [
+        f"{share:.2g} times {words}" if share > 1 else f"{100 * share:.2g} % of {words}"
+        for share, words in shares
+        if share > _LOSS
+    ]
     if not told:
         return []
     largest = float(np.abs(v).max())
     return [
         f"{holder} float32, which moves vertices by up to {loss.max():.2g} at coordinates of {largest:.3g}, "
-        f"{told[0]}: write PLY as float64, or subtract an offset first"
+        f"{' and '.join(told)}: write PLY as float64, or subtract an offset first"
     ]
 
 
