@@ -89,7 +89,7 @@ class Beside:
 
         Corners at one vertex with the same old normal are on one side of a crease, and have the same new normal.
         """
-        if self.normals is None or self.normal_of is None or np.array_equal(vertices, self.vertices):
+        if self.normals is None or self.normal_of is None or np.array_equal(vertices, self.vertices, equal_nan=True):
             return self.normals, self.normal_of
         keys = np.stack([self.copies[self.corners], self.normal_of], axis=1)
         found, items = np.unique(keys, axis=0, return_inverse=True)

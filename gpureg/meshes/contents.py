@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,29 @@ CHANNELS = ("red", "green", "blue", "alpha")
 
 class Fault(ValueError):
     """A file is damaged; the message says where."""
+
+
+def same_rows(rows: npt.NDArray[Any]) -> tuple[IntArray, IntArray]:
+    """Number equal rows, (m, k), in the order in which they come first; return the first rows and the numbers, (m,)."""
+    order = np.lexsort(rows.T[::-1])
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    first = order[new]  # the sort is stable
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    number = np.empty(len(rows), np.int64)
+    number[order] = rank[np.cumsum(new) - 1]
+    return np.sort(first), number
+
+
+def numbers_of(text: str, dtype: type[np.generic]) -> npt.NDArray[Any]:
+    """Convert words to numbers; raise Fault if some are not."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*could not be read to its end.*")
+        try:
+            return np.fromstring(text, dtype, sep=" ")
+        except (ValueError, DeprecationWarning):
+            raise Fault("it has words that are not numbers") from None
 
 
 @dataclass
@@ -77,8 +101,8 @@ class Contents:
         if self.normals is not None and self.normal_of is None:
             # copies of a vertex with one normal, as at the seam of a texture, share it
             rows = np.concatenate([self.vertices, self.normals], axis=1)
-            _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-            self.normals, self.normal_of = self.normals[first], number.ravel()[self.corners]
+            first, number = same_rows(rows)
+            self.normals, self.normal_of = self.normals[first], number[self.corners]
         copies, uv = self._split()
         vertices, faces = self.vertices[copies], self.corners[at]
         # a trimesh has colours at vertices, of faces, or a texture: channels of others are numbers like any
@@ -136,8 +160,9 @@ class Contents:
             self.uv = np.concatenate([self.uv, np.zeros((1, 2))])
             self.uv_of = np.where(self.uv_of < 0, len(self.uv) - 1, self.uv_of)
         # equal places are one, whatever their numbers
-        uv, equal = np.unique(self.uv, axis=0, return_inverse=True)
-        pairs = np.stack([self.corners, equal.ravel()[self.uv_of]], axis=1)
+        one, equal = same_rows(self.uv)
+        uv = self.uv[one]
+        pairs = np.stack([self.corners, equal[self.uv_of]], axis=1)
         found, first, number = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
         # the first place of a vertex in the file stays with it
         order = np.lexsort((first, found[:, 0]))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from .beside import Told
-from .contents import Contents, Fault
+from .contents import Contents, Fault, numbers_of
 
 # Words that begin a line, and the label of faces that they set.
 _SETS = {"o": "object", "g": "group", "usemtl": "material", "s": "smoothing"}
@@ -25,39 +25,40 @@ def parse_obj(data: bytes) -> Contents:
     An index < 0 counts from the last of the vertices (or places, normals) that stand before the face; 0 is illegal.
     """
     rows: dict[str, list[str]] = {"v": [], "vt": [], "vn": []}
-    faces, before = list[list[str]](), list[tuple[int, int, int]]()
-    # for each label its names, and the number of the name for each face
+    faces, before = list[str](), dict[int, tuple[int, int, int]]()
+    # for each label its names, and the faces from which on one of them is valid
     names: dict[str, dict[str, int]] = {label: {} for label in _SETS.values()}
-    now = dict.fromkeys(names, -1)
-    labels: dict[str, list[int]] = {label: [] for label in names}
+    changes: dict[str, list[tuple[int, int]]] = {label: [(0, -1)] for label in names}
     comments, libraries, other = list[str](), list[str](), dict[str, int]()
     for line in text_of(data).replace("\\\r\n", " ").replace("\\\n", " ").split("\n"):
         word, *rest = line.split(None, 1)[:2] or [""]
         if word in rows:
             rows[word].append(rest[0].partition("#")[0] if rest else "")
         elif word == "f":
-            faces.append(rest[0].partition("#")[0].split() if rest else [])
-            before.append((len(rows["v"]), len(rows["vt"]), len(rows["vn"])))
-            for label, number in now.items():
-                labels[label].append(number)
+            if rest and "-" in rest[0]:
+                before[len(faces)] = len(rows["v"]), len(rows["vt"]), len(rows["vn"])
+            faces.append(rest[0].partition("#")[0] if rest else "")
         elif word in _SETS:
             known = names[_SETS[word]]
-            now[_SETS[word]] = known.setdefault(rest[0].strip() if rest else "", len(known))
+            number = known.setdefault(rest[0].strip() if rest else "", len(known))
+            changes[_SETS[word]].append((len(faces), number))
         elif word.startswith("#"):
             comments.append(line.strip()[1:].strip())
         elif word == "mtllib":
             libraries.append(rest[0].strip() if rest else "")
         elif word.isascii() and word.isalnum():
             other[word] = other.get(word, 0) + 1
-    short = next((face for face in faces if len(face) < 3), None)
-    if short is not None:
-        raise Fault(f"it has a face with fewer than three corners, {' '.join(['f', *short])!r}")
+    sizes = np.array([len(face.split()) for face in faces], np.int64)
+    if (sizes < 3).any():
+        short = faces[int(np.flatnonzero(sizes < 3)[0])].strip()
+        raise Fault(f"it has a face with fewer than three corners, {f'f {short}'!r}")
     table = {word: _table(word, lines) for word, lines in rows.items()}
-    sizes = np.array([len(face) for face in faces], np.int64)
     lost = [f"{count} lines {word!r}" for word, count in other.items()]
     columns = _columns(faces)
+    there = np.zeros((len(faces), 3), np.int64)
+    there[list(before)] = np.array(list(before.values()), np.int64).reshape(-1, 3)
     corners, uv_of, normal_of = (
-        _absolute(column, len(table[word]), np.repeat(np.array([b[k] for b in before], np.int64), sizes), word)
+        _absolute(column, len(table[word]), np.repeat(there[:, k], sizes), word)
         for k, (column, word) in enumerate(zip(columns, table, strict=True))
     )
     found = Contents(
@@ -72,9 +73,11 @@ def parse_obj(data: bytes) -> Contents:
         found.normals, found.normal_of = table["vn"][:, :3], normal_of
     elif (normal_of >= 0).any():
         lost.append("the normals, which some corners have not")
-    for label, values in labels.items():
+    for label, steps in changes.items():
         if names[label]:
-            found.of_faces[label] = np.array(values, np.int32)
+            begins = np.array([begin for begin, _ in steps])
+            counts = np.diff(begins, append=len(faces))
+            found.of_faces[label] = np.repeat(np.array([number for _, number in steps], np.int32), counts)
             found.names[label] = tuple(names[label])
     return found
 
@@ -90,6 +93,13 @@ def text_of(data: bytes) -> str:
 def _table(word: str, lines: list[str]) -> FloatArray:
     """Convert lines of numbers to an array; rows are cut to the shortest, which has at least three (vt: two)."""
     least = 2 if word == "vt" else 3
+    width = len(lines[0].split()) if lines else 0
+    text = " ".join(lines)
+    flat = numbers_of(text, np.float64)
+    if width >= least and len(flat) == width * len(lines):
+        # it may be that two rows differ in length, and together do not
+        if all(len(line.split()) == width for line in lines):
+            return flat.reshape(-1, width)
     split = [line.split() for line in lines]
     if word == "vt":
         split = [[*row, "0"] if len(row) == 1 else row for row in split]
@@ -116,19 +126,20 @@ def _take_vertices(found: Contents, table: FloatArray) -> None:
         found.told.lost.append(f"{more.shape[1]} numbers after the coordinates")
 
 
-def _columns(faces: list[list[str]]) -> list[IntArray]:
+def _columns(faces: list[str]) -> list[IntArray]:
     """Return the indices of vertices, places and normals at all corners, (c,) each, 0 where there is none."""
-    words = [word for face in faces for word in face]
-    text = " ".join(words)
-    zero = _ZERO.search(text)
-    if zero is not None:
-        wrong = next(face for face in faces if _ZERO.search(" ".join(face)))
-        raise Fault(f"the first vertex has the number 1, and the face {' '.join(['f', *wrong])!r} names 0")
+    text = " ".join(faces)
+    if _ZERO.search(text) is not None:
+        wrong = next(face for face in faces if _ZERO.search(face)).strip()
+        raise Fault(f"the first vertex has the number 1, and the face {f'f {wrong}'!r} names 0")
+    if "/" not in text:
+        corners = numbers_of(text, np.int64)
+        return [corners, np.zeros_like(corners), np.zeros_like(corners)]
+    words = text.split()
     slashes = {word.count("/") for word in words}
     try:
         if len(slashes) == 1 and max(slashes) < 3 and not re.search(r"/(?:\s|$)", text):
-            numbers = text.replace("//", "/0/").replace("/", " ").split()
-            table = np.array(numbers, np.int64).reshape(len(words), -1)
+            table = numbers_of(text.replace("//", "/0/").replace("/", " "), np.int64).reshape(len(words), -1)
         else:
             parts = [(*word.split("/"), "", "")[:3] for word in words]
             table = np.array([[int(part or 0) for part in three] for three in parts], np.int64).reshape(-1, 3)

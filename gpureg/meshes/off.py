@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
-from .contents import Contents, Fault
+from .contents import Contents, Fault, numbers_of
 from .obj import digits_of, text_of
 
 _BEGIN = re.compile(r"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b")
@@ -38,11 +38,14 @@ def parse_off(data: bytes) -> Contents:
         raise Fault(f"its last face is {' '.join(last)!r}")
     try:
         width = min((len(row) for row in rows[:n]), default=3)
-        table = np.array([row[:width] for row in rows[:n]], np.float64).reshape(n, width)
+        table = numbers_of(" ".join(word for row in rows[:n] for word in row[:width]), np.float64).reshape(n, width)
         sizes = np.array([int(row[0]) for row in rows[n : n + count]], np.int64)
         if any(len(row) <= size for row, size in zip(rows[n:], sizes.tolist(), strict=False)):
             raise Fault("it has a face with fewer corners than announced")
-        corners = np.array([int(x) for row in rows[n : n + count] for x in row[1 : 1 + int(row[0])]], np.int64)
+        corners = numbers_of(
+            " ".join(x for row, size in zip(rows[n:], sizes.tolist(), strict=False) for x in row[1 : 1 + size]),
+            np.int64,
+        )
     except ValueError as error:
         raise error if isinstance(error, Fault) else Fault("it has words that are not numbers") from None
     if width < 3:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from .beside import Told
-from .contents import Contents, Fault
+from .contents import Contents, Fault, same_rows
 from .obj import text_of
 
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -62,12 +62,9 @@ def _text(text: str) -> Contents:
 
 
 def _merged(corners: npt.NDArray[np.floating]) -> Contents:
-    points, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
+    first, which = same_rows(corners)
     sizes = np.full(len(corners) // 3, 3)
-    return Contents(points[order].astype(np.float64), sizes, place[which.ravel()], np.dtype(np.float32), told=Told())
+    return Contents(corners[first].astype(np.float64), sizes, which, np.dtype(np.float32), told=Told())
 
 
 def encode_stl(vertices: FloatArray, corners: IntArray, title: str) -> bytes:

@@ -119,10 +119,7 @@ def taken_apart(mesh: Any) -> Surface:
         # without a face they take part in nothing: they come back as they were
         points[wrong] = points[~wrong].mean(axis=0)
         make = _with_given(make, given, wrong)
-        count = int(wrong.sum())
-        warnings.warn(
-            f"{count} vertices are not finite; they belong to no face, and are left out", stacklevel=outside()
-        )
+        notes = (f"{wrong.sum()} vertices are not finite; they belong to no face, and are left out",)
     return Surface(points, corners, make, notes)
 
 

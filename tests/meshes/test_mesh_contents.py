@@ -221,7 +221,7 @@ def test_components_of_a_3mf_are_moved(tmp_path):
 def test_rounding_to_float32_is_said(tmp_path):
     far = trimesh.creation.icosphere(2)
     far.apply_translation([4.5e6, 5e5, 0])
-    with pytest.warns(UserWarning, match=r"STL holds float32.* at coordinates of 4\.5e\+06, .* times the mean edge"):
+    with pytest.warns(UserWarning, match=r"STL holds float32.* at coordinates of 4\.5e\+06, .* % of the mean edge"):
         write_mesh(tmp_path / "a.stl", far)
     with pytest.warns(UserWarning, match="the file holds float32"):
         write_mesh(tmp_path / "a.ply", far, dtype=np.float32)
