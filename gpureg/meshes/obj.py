@@ -46,7 +46,8 @@ def parse_obj(data: bytes) -> Contents:
             comments.append(line.strip()[1:].strip())
         elif word == "mtllib":
             libraries.append(rest[0].strip() if rest else "")
-        elif word.isascii() and word.isalnum():
+        elif word:
+            word = word if word.isprintable() and len(word) < 20 else "?"
             other[word] = other.get(word, 0) + 1
     sizes = np.array([len(face.split()) for face in faces], np.int64)
     if (sizes < 3).any():
@@ -65,6 +66,9 @@ def parse_obj(data: bytes) -> Contents:
         table["v"][:, :3], sizes, corners, comments=tuple(comments), libraries=tuple(libraries), told=Told(lost)
     )
     _take_vertices(found, table["v"])
+    widest = max((len(line.split()) for line in rows["v"]), default=0) if table["v"].shape[1] < 6 else 0
+    if widest > max(table["v"].shape[1], 4):
+        lost.append("the colours of vertices, which some have not")
     if (uv_of >= 0).any():
         found.uv, found.uv_of = table["vt"][:, :2], uv_of
         if table["vt"].shape[1] > 2 and table["vt"][:, 2].any():
@@ -85,7 +89,7 @@ def parse_obj(data: bytes) -> Contents:
 def text_of(data: bytes) -> str:
     """Decode text as UTF-8; its comments may be in another encoding."""
     try:
-        return data.decode()
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
 

@@ -1,4 +1,4 @@
-"""The PLY format: text and binary files of polygons."""
+"""Read the PLY format: text and binary files of polygons."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..arrays import IntArray
 from .beside import Told
 from .contents import CHANNELS, Contents, Fault
 
-_TYPES = {
+TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
     **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8", "int64": "i8", "uint64": "u8"},
@@ -80,9 +80,9 @@ def _header(text: str) -> tuple[str, list[str], list[_Element]]:
             elif word == "element":
                 elements.append(_Element(words[0], int(words[1])))
             elif word == "property" and words[0] == "list":
-                elements[-1].properties.append(_Property(words[3], _TYPES[words[2]], _TYPES[words[1]]))
+                elements[-1].properties.append(_Property(words[3], TYPES[words[2]], TYPES[words[1]]))
             elif word == "property":
-                elements[-1].properties.append(_Property(words[1], _TYPES[words[0]]))
+                elements[-1].properties.append(_Property(words[1], TYPES[words[0]]))
         except (IndexError, KeyError, ValueError):
             raise Fault(f"its header has the line {line.strip()!r}") from None
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
@@ -213,6 +213,8 @@ def _by_row(body: bytes, at: int, element: _Element, order: str) -> int:
 
 def _contents(elements: dict[str, _Element], comments: list[str]) -> Contents:
     vertex, face = elements.get("vertex"), elements.get("face")
+    if face is None and "tristrips" in elements:
+        raise Fault("its triangles are strips, which are not read: convert them to faces")
     others = (element for name, element in elements.items() if name not in ("vertex", "face"))
     lost = [f"the {element.length} rows of its element {element.name!r}" for element in others if element.length]
     if vertex is None or any(axis not in vertex.numbers for axis in "xyz"):
@@ -271,78 +273,3 @@ def _colours(element: _Element, lost: list[str]) -> npt.NDArray[np.uint8] | None
     if any(element.numbers[name].dtype != np.uint8 for name in there):
         return None
     return element.take(*there)
-
-
-def encode_ply(
-    vertices: npt.NDArray[Any],
-    columns: dict[str, npt.NDArray[Any]],
-    sizes: IntArray,
-    corners: IntArray,
-    of_faces: dict[str, npt.NDArray[Any]],
-    places: npt.NDArray[Any] | None,
-    comments: list[str],
-) -> bytes:
-    """Encode a binary PLY file.
-
-    Parameters
-    ----------
-    vertices : (n, 3) float32 or float64 array
-    columns : dict of (n,) arrays
-        Numbers at the vertices, in types of `WRITTEN`.
-    sizes, corners : (P,) and (c,) int arrays
-        The polygons.
-    of_faces : dict of (P,) arrays
-    places : (c, 2) float32 array or None
-        Places in the texture at the corners.
-    comments : list of str
-        Lines of the header.
-    """
-    points = {axis: vertices[:, k] for k, axis in enumerate("xyz")} | columns
-    header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(vertices)}"]
-    header += _properties(points)
-    count = "uchar" if not len(sizes) or sizes.max() < (128 if places is not None else 256) else "int"
-    header += [f"element face {len(sizes)}", f"property list {count} int vertex_indices"]
-    header += [] if places is None else [f"property list {count} float texcoord"]
-    header += [*_properties(of_faces), "end_header\n"]
-    table = np.empty(len(vertices), [(name, f"<{x.dtype.str[1:]}") for name, x in points.items()])
-    for name, values in points.items():
-        table[name] = values
-    rows = _rows(sizes, corners, of_faces, places, "u1" if count == "uchar" else "<i4")
-    return "\n".join(header).encode() + table.tobytes() + rows
-
-
-WRITTEN = {kind: name for name, kind in _TYPES.items() if not name[-1].isdigit()}
-
-
-def _properties(columns: dict[str, npt.NDArray[Any]]) -> list[str]:
-    return [f"property {WRITTEN[values.dtype.str[1:]]} {name}" for name, values in columns.items()]
-
-
-def _rows(
-    sizes: IntArray,
-    corners: IntArray,
-    of_faces: dict[str, npt.NDArray[Any]],
-    places: npt.NDArray[Any] | None,
-    count: str,
-) -> bytes:
-    """Encode the polygons, those with the same number of corners at a time."""
-    starts = np.cumsum(sizes) - sizes
-    each, kinds = np.zeros(len(sizes), np.int64), {}
-    for size in np.unique(sizes).tolist():
-        kind: list[Any] = [("n", count), ("corners", "<i4", (size,))]
-        kind += [] if places is None else [("m", count), ("places", "<f4", (2 * size,))]
-        kinds[size] = np.dtype(kind + [(f"_{name}", f"<{x.dtype.str[1:]}") for name, x in of_faces.items()])
-        each[sizes == size] = kinds[size].itemsize
-    begin = np.cumsum(each) - each
-    out = np.empty(int(each.sum()), np.uint8)
-    for size, row in kinds.items():
-        at = np.flatnonzero(sizes == size)
-        items = starts[at, None] + np.arange(size)
-        rows = np.empty(len(at), row)
-        rows["n"], rows["corners"] = size, corners[items]
-        if places is not None:
-            rows["m"], rows["places"] = 2 * size, places[items].reshape(len(at), -1)
-        for name, values in of_faces.items():
-            rows[f"_{name}"] = values[at]
-        out[begin[at, None] + np.arange(row.itemsize)] = rows.view(np.uint8).reshape(len(at), -1)
-    return out.tobytes()

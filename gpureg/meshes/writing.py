@@ -20,7 +20,7 @@ from .contents import CHANNELS, Contents
 from .obj import encode_obj
 from .off import encode_off
 from .outgoing import channels_of, contents_of, in_triangles, normals_at_vertices, split_at_seams
-from .ply import WRITTEN, encode_ply
+from .ply_writing import WRITTEN, encode_ply
 from .reading import check_format
 from .scenes import encode_scene
 from .stl import encode_stl
