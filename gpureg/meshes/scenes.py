@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import itertools
 import json
+import logging
 import os
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +31,22 @@ def parse_scene(data: bytes, kind: str, path: str | os.PathLike[str]) -> Content
     import trimesh
 
     document = _document(data, kind)
+    beside = Path(path).absolute().parent
+    missing = {key: _missing(document.get(key), beside) for key in ("buffers", "images")}
+    if missing["buffers"]:
+        raise Fault(f"{missing['buffers'][0]}, which holds its numbers, is not beside it")
     resolver = trimesh.resolvers.FilePathResolver(str(Path(path).absolute()))
-    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
+    try:
+        with _unlogged():
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
+    except Exception as error:
+        required = document.get("extensionsRequired")
+        if required and not isinstance(error, MemoryError):
+            raise Fault(f"it needs {', '.join(map(str, required))}, which cannot be read") from error
+        raise
     parts = []
     told = Told([f"{len(document[key])} {word}" for key, word in _OTHER.items() if document.get(key)])
+    told.lost += [f"the picture {name}, which is not beside it" for name in missing["images"]]
     for node in sorted(scene.graph.nodes_geometry, key=str):
         transform, name = scene.graph[node]
         mesh = scene.geometry[name]
@@ -45,6 +61,24 @@ def parse_scene(data: bytes, kind: str, path: str | os.PathLike[str]) -> Content
     if any(not np.array_equal(transform, np.eye(4)) for *_, transform in parts):
         told.notes.append("the positions of its objects are part of the coordinates now")
     return joined(parts, told)
+
+
+def _missing(entries: Any, folder: Path) -> list[str]:
+    """List the files that entries of a document name, and that are not in the folder."""
+    names = [unquote(entry["uri"]) for entry in entries or () if isinstance(entry, dict) and "uri" in entry]
+    return [name for name in names if not name.startswith("data:") and not (folder / name).exists()]
+
+
+@contextlib.contextmanager
+def _unlogged() -> Iterator[None]:
+    """Keep trimesh from writing tracebacks to standard error."""
+    logger = logging.getLogger("trimesh")
+    before = logger.disabled
+    logger.disabled = True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def _document(data: bytes, kind: str) -> dict[str, Any]:
@@ -138,7 +172,7 @@ def _take_attributes(found: Contents, meshes: list[Any], counts: IntArray) -> No
         found.at_vertices[str(key).removeprefix("_")] = np.concatenate(filled)
 
 
-def encode_scene(contents: Contents, kind: str, lost: list[str]) -> bytes:
+def encode_scene(contents: Contents, kind: str, told: Told) -> bytes:
     """Encode triangles as a GLB or glTF file, one object for each object and material."""
     import trimesh
     from trimesh.exchange import gltf
@@ -148,19 +182,19 @@ def encode_scene(contents: Contents, kind: str, lost: list[str]) -> bytes:
     object_of, material_of = (
         contents.of_faces.pop(label, np.zeros(len(corners), np.int64)) for label in ("object", "material")
     )
-    lost += [f"the data {name!r} of faces" for name in contents.of_faces if name != "colours"]
+    told.lost += [f"the data {name!r} of faces" for name in contents.of_faces if name != "colours"]
     colours = contents.at_vertices.pop("colours", None)
     of_faces = contents.of_faces.pop("colours", None)
     if colours is not None and contents.uv is not None:
-        lost.append("the colours at vertices, beside a texture")
+        told.lost.append("the colours at vertices, beside a texture")
     numbers = {}
     for name, values in contents.at_vertices.items():
         if values.dtype.kind in "biuf" and values.ndim <= 2:
             numbers[name] = values.astype(np.float32)
             if not np.array_equal(numbers[name], values, equal_nan=values.dtype.kind == "f"):
-                lost.append(f"digits of the numbers {name!r}, which are float32")
+                told.lost.append(f"digits of the numbers {name!r}, which are float32")
         else:
-            lost.append(f"the data {name!r} at vertices")
+            told.lost.append(f"the data {name!r} at vertices")
     scene = trimesh.Scene()
     pairs = np.stack([object_of, material_of], axis=1)
     for number, material in np.unique(pairs, axis=0).tolist():

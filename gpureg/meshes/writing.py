@@ -167,6 +167,10 @@ def _numbers(data: dict[str, npt.NDArray[Any]], where: str, told: Told) -> dict[
             continue
         fits = values.dtype.str[1:] in WRITTEN
         found[name] = values if fits else values.astype(np.uint8 if values.dtype.kind == "b" else np.float64)
+        if not fits and not np.array_equal(
+            found[name].astype(values.dtype), values, equal_nan=values.dtype.kind == "f"
+        ):
+            told.lost.append(f"digits of the data {name!r}, which are float64")
     return found
 
 
@@ -262,7 +266,7 @@ def _scene(kind: str) -> Any:
         if found.comments:
             told.lost.append("the comments")
         _name_rest(found, told, uv=False, normals=False)
-        return encode_scene(found, kind, told.lost)
+        return encode_scene(found, kind, told)
 
     return encode
 

@@ -19,6 +19,8 @@ Maker = Callable[[FloatArray, IntArray, Carried | None], tuple[Any, list[str]]]
 
 Found = tuple[npt.ArrayLike, npt.ArrayLike, Maker]
 
+_PARAMETERS = "the parameters of the {}, which is a mesh like any other now"
+
 # Names that normals have among the data at vertices and faces.
 NORMALS = ("normal", "normals", "vertex_normals", "point_normals", "face_normals", "cell_normals")
 
@@ -51,7 +53,7 @@ def of_trimesh(mesh: Any) -> Found | None:
         before = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         _renew(made.vertex_attributes, renewed_vertex_normals, (vertices, faces), before)
         _renew(made.face_attributes, renewed_face_normals, (vertices, faces), before)
-        return made, [f"the parameters of the {type(mesh).__name__}, which is now any mesh"] if primitive else []
+        return made, [_PARAMETERS.format(type(mesh).__name__)] if primitive else []
 
     return mesh.vertices, mesh.faces, make
 
@@ -69,7 +71,10 @@ def _trimesh_with_less(mesh: Any, carried: Carried) -> tuple[Any, list[str]]:
     if uv is not None:
         arrays.append(np.asarray(uv))
     split = carried.split([*arrays, *beside.values()])
-    whole = type(mesh) if not hasattr(mesh, "primitive") else type(mesh.to_mesh())
+    whole = type(mesh)
+    if hasattr(mesh, "primitive"):
+        whole = type(mesh.to_mesh())
+        lost.append(_PARAMETERS.format(type(mesh).__name__))
     colours = {}
     if kind == "vertex":
         colours = {"vertex_colors": split.of_vertices(visual.vertex_colors)}
