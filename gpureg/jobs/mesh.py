@@ -17,7 +17,7 @@ from ..meshes.filters import Filter
 from ..meshes.reading import FORMATS, MeshError, MeshFile, check_format, load_mesh
 from ..meshes.simplify import simplified
 from ..meshes.writing import encode_mesh, loss_of_digits
-from ..shapes.surface import Surface, taken_apart
+from ..shapes.surface import Surface, surface_of, taken_apart
 from ..weights import cotangent
 from .many import Many, treat_files
 from .mesh_report import Measures, MeshDenoisingReport, MeshErrors, MeshReport, MeshSimplificationReport
@@ -26,6 +26,8 @@ from .outputs import Outputs
 from .slices import beside
 
 MESH_WEIGHTS = (*WEIGHTS, "cotangent")
+
+_OCTAHEDRON = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
 
 # The options that are only for denoising.
 _DENOISING = ("filter", "taubin", "sigma", "fix_border", "max_displacement", "values")
@@ -124,6 +126,7 @@ def mesh_files(sources: Sequence[Path], folder: Path, settings: MeshSettings, *,
     settings.check()
     if settings.picture is not None:
         raise ValueError("--picture is one file: it needs a single IN")
+    _rehearse(settings)
     read_too = [] if settings.reference is None else [beside(settings.reference, source) for source in sources]
     return treat_files(
         sources,
@@ -132,6 +135,25 @@ def mesh_files(sources: Sequence[Path], folder: Path, settings: MeshSettings, *,
         others=read_too,
         formats=FORMATS,
         progress=progress,
+    )
+
+
+def _rehearse(settings: MeshSettings) -> None:
+    """Use the options for an octahedron, so that wrong ones are found before any work."""
+    surface = surface_of(np.concatenate([np.eye(3), -np.eye(3)]), _OCTAHEDRON)
+    names = () if settings.simplifies else ("filter", "sigma", "max_displacement")
+    options = settings.model_on(surface, *names)
+    if settings.max_iter is not None and settings.max_iter > 1:
+        options["max_iter"] = 1
+    if settings.simplifies:
+        simplified(surface, n_vertices=settings.n_vertices, **options)
+        return
+    denoised(
+        surface,
+        values=None if settings.values is None else np.arange(6.0),
+        taubin=settings.taubin,
+        fix_border=settings.fix_border,
+        **options,
     )
 
 

@@ -179,10 +179,11 @@ def simplify_mesh(found: MeshSimplification) -> Any:
         count as one.
     faces : (F, 3) int array, optional
     n_vertices : int, optional
-        Number of vertices of the result, at least 4. Each round collapses the cheaper half of the short edges, until
-        the number is reached, or until the surface allows no further collapse. None: one round. It collapses short
-        edges that cost up to 0.3 mean edges to the fourth power (squared distance times area), which leaves a tenth to
-        a fifth of the vertices of most meshes; with given weights it collapses all short edges.
+        Number of vertices of the result, at least 4; those repeated at seams are not counted. Each round collapses the
+        cheaper half of the short edges, until the number is reached, or until the surface allows no further collapse.
+        None: one round. It collapses short edges that cost up to 0.3 mean edges to the fourth power (squared distance
+        times area), which leaves a tenth to a fifth of the vertices of most meshes; with given weights it collapses all
+        short edges.
     p : float, default 0.1
         Degree of regularity, best below 1.
     lam : float, default 0.001

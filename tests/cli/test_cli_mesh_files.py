@@ -60,6 +60,7 @@ def test_many_files_go_to_a_folder():
         (["a.ply"], "Missing OUT: where to write a.ply?"),
         (["a.ply", "b.ply", "c.ply"], "need a folder as OUT"),
         (["a.ply", "b.ply", "."], "would overwrite"),
+        (["a.ply", "b.ply", "out", "--p", "0"], "p must be finite and > 0, got 0.0"),
         (["a.ply", "b.ply", "out", "--picture", "a.png"], "--picture is one file: it needs a single IN"),
     ],
 )

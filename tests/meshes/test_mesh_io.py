@@ -194,7 +194,7 @@ BROKEN = {
     "cut.3mf": (WHOLE[".3mf"][:-9], "no archive of models"),
     "text.gltf": (b"{", "not JSON"),
     "alone.gltf": (b'{"asset": {"version": "2.0"}, "buffers": [{"uri": "a.bin"}]}', "a.bin, which holds its numbers"),
-    "strips.ply": (PLY.format(*3 * ["float"]).replace("face 2", "tristrips 0") + 4 * "0 0 1\n", "its triangles are strips"),
+    "strips.ply": (PLY.format(*3 * ["int"]).replace("face 2", "tristrips 0") + 4 * "0 0 1\n", "triangles are strips"),
     "mesh.dae": (b"<", "one of .ply, .obj, .off, .stl, .glb, .gltf, .3mf"),
 }  # fmt: skip
 
