@@ -70,7 +70,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "warp": ("backends/warp/", "kernels/warp/"),
     "matplotlib": ("plot/", "figures/sheet.py", "cli/figures.py"),
     "skimage": ("plot/", "cli/demo.py", "cli/figures.py", "figures/"),
-    "trimesh": ("metrics.py", "meshes/reading.py", "meshes/writing.py", "points/ply.py"),
+    "trimesh": ("metrics.py", "meshes/contents.py", "meshes/scenes.py", "points/ply.py"),
     "PIL": ("files/with_pillow.py",),
     "tifffile": ("files/tiff.py", "files/tiff_writing.py", "files/slabs.py"),
     "imagecodecs": ("files/png.py", "files/jpeg2000.py"),

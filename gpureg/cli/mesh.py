@@ -8,13 +8,14 @@ from typing import Any
 
 import click
 
-from ..jobs.mesh import MESH_WEIGHTS, MeshSettings, mesh_file
+from ..jobs.batch import expand
+from ..jobs.mesh import MESH_WEIGHTS, MeshSettings, mesh_file, mesh_files
 from ..meshes.filters import FILTERS
 from ..model.problem import NORMS
 from . import options
 from .group import sentences
 from .options import FILE
-from .terminal import tell
+from .terminal import tell, tell_many
 
 
 @click.command(
@@ -25,8 +26,7 @@ from .terminal import tell
     ),
     short_help="Denoise or simplify a triangle mesh.",
 )
-@click.argument("source", metavar="IN", type=FILE)
-@click.argument("target", metavar="OUT", type=FILE)
+@click.argument("paths", metavar="IN... OUT", nargs=-1)
 @click.option(
     "--filter",
     type=click.Choice(FILTERS),
@@ -64,7 +64,7 @@ from .terminal import tell
 @options.eps
 @options.backend
 @options.dtype
-@click.option("--reference", type=FILE, help="Clean mesh: report errors of normals and vertices, Hausdorff distance.")
+@click.option("--reference", type=FILE, help="Clean mesh, or a folder of them: report the errors.")
 @click.option("--picture", type=FILE, help="Picture of the mesh before and after.")
 @click.option(
     "--view",
@@ -77,20 +77,28 @@ from .terminal import tell
 @options.quiet
 @options.progress
 def mesh(
-    source: Path,
-    target: Path,
+    paths: tuple[str, ...],
     as_json: bool,
     quiet: bool,
     progress: bool | None,
     **given: Any,
 ) -> None:
-    """Denoise the triangle mesh IN, or simplify it, and write it to OUT.
+    """Denoise the mesh IN, or simplify it, and write it to OUT.
 
-    The extension gives the format: PLY, OBJ, OFF or STL. Colours and values at vertices are copied if the format has
-    them. By default the noise is estimated and creases are preserved. All files are written, or none; OUT may be IN.
+    Several files, or a pattern such as 'scans/*.ply', go to the folder OUT. The extension gives the format: PLY, OBJ,
+    OFF, STL, GLB, glTF or 3MF. Colours, textures, values, polygons, names and comments are copied, normals are computed
+    again; the report names what OUT has no place for. By default the noise is estimated and creases are preserved. The
+    files of one IN are written completely, or not at all; OUT may be IN.
     """
+    names, out, many = options.inputs(paths)
     show = (sys.stderr.isatty() if progress is None else progress) and not quiet
     given["view"] = given["view"] or "auto"
 
-    report = sentences(lambda: mesh_file(source, target, MeshSettings(**given), progress=show))
+    if many:
+        tell_many(
+            sentences(lambda: mesh_files(expand(names), Path(out), MeshSettings(**given), progress=show)),
+            as_json,
+            quiet,
+        )
+    report = sentences(lambda: mesh_file(Path(names[0]), Path(out), MeshSettings(**given), progress=show))
     tell(report, as_json, quiet)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,23 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import metrics
+from ..meshes.beside import KEY, Beside, Told
 from ..meshes.denoise import denoised
 from ..meshes.filters import Filter
-from ..meshes.reading import MeshError, check_format, read_mesh
+from ..meshes.reading import FORMATS, MeshError, MeshFile, check_format, load_mesh
 from ..meshes.simplify import simplified
-from ..meshes.writing import encode_mesh
-from ..shapes.surface import Surface, surface_of
+from ..meshes.writing import encode_mesh, loss_of_digits
+from ..shapes.surface import Surface, surface_of, taken_apart
 from ..weights import cotangent
+from .many import Many, treat_files
 from .mesh_report import Measures, MeshDenoisingReport, MeshErrors, MeshReport, MeshSimplificationReport
 from .options import WEIGHTS, ViewedSettings
 from .outputs import Outputs
+from .slices import beside
 
 MESH_WEIGHTS = (*WEIGHTS, "cotangent")
+
+_OCTAHEDRON = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
 
 # The options that are only for denoising.
 _DENOISING = ("filter", "taubin", "sigma", "fix_border", "max_displacement", "values")
@@ -86,25 +92,74 @@ def mesh_file(source: Path, target: Path, settings: MeshSettings, *, progress: b
     """
     settings.check()
     check_format(target)
-    outputs = Outputs(source, settings.reference)
+    reference = None if settings.reference is None else beside(settings.reference, source)
+    outputs = Outputs(source, reference)
     outputs.expect("OUT", target)
     outputs.expect_picture(settings.picture, MeshError)
-    surface, mesh, dtype = _read(source)
-    truth = None if settings.reference is None else _read(settings.reference)[0]
+    given = load_mesh(source)
+    surface = _surface(given)
+    truth = None if reference is None else _surface(load_mesh(reference))
     work = _simplified if settings.simplifies else _denoised
-    result, after, report = work(source, target, surface, mesh, settings, progress)
-    if truth is not None and settings.reference is not None:
-        report = replace(report, errors=MeshErrors.of(settings.reference, surface, after, truth))
-    outputs.put(target, encode_mesh(target, result, dtype))
+    result, after, report, lost = work(source, target, surface, given.mesh, settings, progress)
+    if truth is not None and reference is not None:
+        report = replace(report, errors=MeshErrors.of(reference, surface, after, truth))
+    encoded, notes = _encoded(source, target, given, surface, result, after)
+    changed = [f"the new mesh lost {', '.join(lost)}"] if lost else []
+    report = replace(report, notes=(*report.notes, *given.told.lines("not read:"), *surface.notes, *changed, *notes))
+    outputs.put(target, encoded)
     if settings.picture is not None:
         outputs.draw(settings.picture, _drawn(surface, after, truth, settings, report.filter))
     outputs.write()
     return report
 
 
+def mesh_files(sources: Sequence[Path], folder: Path, settings: MeshSettings, *, progress: bool = False) -> Many:
+    """Denoise or simplify the meshes of many files into a folder; the parameters are as in :func:`mesh_file`.
+
+    ``settings.reference`` is one file for all, or a folder with files named as the inputs.
+
+    Raises
+    ------
+    PictureError, ValueError
+        The options or the folder are wrong for all files; raised before any work.
+    """
+    settings.check()
+    if settings.picture is not None:
+        raise ValueError("--picture is one file: it needs a single IN")
+    _rehearse(settings)
+    read_too = [] if settings.reference is None else [beside(settings.reference, source) for source in sources]
+    return treat_files(
+        sources,
+        folder,
+        lambda source, target: mesh_file(source, target, settings),
+        others=read_too,
+        formats=FORMATS,
+        progress=progress,
+    )
+
+
+def _rehearse(settings: MeshSettings) -> None:
+    """Use the options for an octahedron, so that wrong ones are found before any work."""
+    surface = surface_of(np.concatenate([np.eye(3), -np.eye(3)]), _OCTAHEDRON)
+    names = () if settings.simplifies else ("filter", "sigma", "max_displacement")
+    options = settings.model_on(surface, *names)
+    if settings.max_iter is not None and settings.max_iter > 1:
+        options["max_iter"] = 1
+    if settings.simplifies:
+        simplified(surface, n_vertices=settings.n_vertices, **options)
+        return
+    denoised(
+        surface,
+        values=None if settings.values is None else np.arange(6.0),
+        taubin=settings.taubin,
+        fix_border=settings.fix_border,
+        **options,
+    )
+
+
 def _denoised(
     source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
-) -> tuple[Any, Surface, MeshReport]:
+) -> tuple[Any, Surface, MeshReport, list[str]]:
     values = None if settings.values is None else _values(mesh, settings.values, source)
     found = denoised(
         surface,
@@ -115,7 +170,7 @@ def _denoised(
         **settings.model_on(surface, "filter", "sigma", "max_displacement"),
     )
     after = Surface(found.vertices, surface.faces, surface.make)
-    result = surface.like(found.vertices)
+    result, lost = surface.made(found.vertices)
     if settings.values is not None:
         _put(result, settings.values, found.value)
     report = MeshDenoisingReport(
@@ -128,12 +183,12 @@ def _denoised(
         measures=Measures.of(surface, after) if found.moves else None,
         found=found,
     )
-    return result, after, report
+    return result, after, report, lost
 
 
 def _simplified(
     source: Path, target: Path, surface: Surface, mesh: Any, settings: MeshSettings, progress: bool
-) -> tuple[Any, Surface, MeshReport]:
+) -> tuple[Any, Surface, MeshReport, list[str]]:
     found = simplified(surface, n_vertices=settings.n_vertices, progress=progress, **settings.model_on(surface))
     after = Surface(found.vertices, found.faces, surface.make)
     rounds = len(found.results)
@@ -148,19 +203,42 @@ def _simplified(
         measures=Measures.of(surface, after),
         found=found,
         hausdorff=metrics.hausdorff((after.vertices, after.faces), (surface.vertices, surface.faces)),
+        notes=tuple(found.notes),
     )
-    return surface.like(found.vertices, found.faces, found.kept), after, report
+    result, lost = surface.made(found.vertices, found.carried)
+    return result, after, report, lost
 
 
-def _read(path: Path) -> tuple[Surface, Any, np.dtype[Any]]:
-    """Read a mesh; return the surface, the mesh of trimesh, and the type of its coordinates."""
-    found = read_mesh(path)
-    surface = surface_of(found.mesh)
-    if path.suffix.lower() == ".stl":
-        # an STL stores the vertices of each face separately: merge them, or another format would repeat them
-        whole, _ = surface.welded()
-        surface = surface_of((whole.vertices, whole.faces))
-    return surface, found.mesh, found.dtype
+def _surface(given: MeshFile) -> Surface:
+    return taken_apart(given.mesh)
+
+
+def _encoded(
+    source: Path, target: Path, given: MeshFile, before: Surface, result: Any, after: Surface
+) -> tuple[bytes, list[str]]:
+    """Encode the result; return notes on what the file has no place for."""
+    kind, told = check_format(target), Told()
+    moved = after.vertices - before.vertices if after.vertices.shape == before.vertices.shape else None
+    change = None if moved is None else float(np.sqrt((moved**2).sum(axis=1).mean()))
+    dtype: np.dtype[Any] | None = given.dtype
+    # a PLY of the type of IN, unless that loses what was done
+    if kind == "PLY" and dtype == np.float32 and loss_of_digits(after, "the file holds", change):
+        dtype = None
+        told.notes.append("the coordinates are float64 now: float32, as in IN, would lose too much of what was changed")
+    encoded = encode_mesh(target, result, dtype, told=told, change=change)
+    needed = _needed(result.metadata[KEY], kind)
+    missing = [name for name in needed if not (target.parent / name).exists()]
+    if missing and source.absolute().parent != target.absolute().parent:
+        told.notes.append(f"OUT needs {', '.join(missing)} beside it: copy what lies beside IN")
+    return encoded, told.lines(f"{kind} has no place for")
+
+
+def _needed(beside: Beside, kind: str) -> list[str]:
+    """List the files of materials and textures that a file of this kind names."""
+    if kind == "OBJ":
+        return list(beside.libraries)
+    words = (line.split(None, 2) for line in beside.comments)
+    return [w[2] for w in words if kind == "PLY" and len(w) == 3 and w[1].lower() == "texturefile"]
 
 
 def _values(mesh: Any, name: str, source: Path) -> npt.NDArray[Any]:

@@ -105,18 +105,25 @@ class MeshReport(ShapeReport):
         None if the vertices have not moved.
     errors : MeshErrors or None
         None without a reference.
+    notes : tuple of str
+        What was not read, not carried over or not written, in sentences.
     """
 
     measures: Measures | None
     errors: MeshErrors | None = None
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as a dictionary for JSON."""
-        report = super().as_json()
+        report = super().as_json() | {"notes": list(self.notes)}
         if self.errors is None:
             return report
         picture = {"picture": report.pop("picture")} if "picture" in report else {}
         return report | {"reference": self.errors.as_json()} | picture
+
+    def cautions(self) -> list[str]:
+        """Return the notes as lines of text."""
+        return [f"note     {note}" for note in self.notes]
 
     def _quality(self, last: str) -> list[str]:
         lines = []

@@ -88,10 +88,9 @@ class _PointsReport(ShapeReport):
         """Return the report as a dictionary for JSON."""
         return super().as_json() | {"notes": list(self.notes)}
 
-    def lines(self) -> list[str]:
-        """Return the report as lines of text."""
-        *lines, last = super().lines()
-        return [*lines, *(f"note     {note}" for note in self.notes), last]
+    def cautions(self) -> list[str]:
+        """Return the notes on what was not kept."""
+        return [f"note     {note}" for note in self.notes]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

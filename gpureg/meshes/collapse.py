@@ -45,6 +45,7 @@ class Collapses:
         areas = np.linalg.norm(vectors, axis=1)
         solid = areas > 0
         self.faces: list[list[int] | None] = faces[solid].tolist()
+        self.numbers = np.flatnonzero(solid)
         self.x = vertices.copy()
         self.around: list[set[int]] = [set() for _ in range(len(vertices))]
         for k, face in enumerate(faces[solid].tolist()):
@@ -222,11 +223,15 @@ class Collapses:
             into = into[into]
         return into
 
-    def mesh(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the remaining vertices, (k, 3), the faces, (F, 3), and the old index of each vertex, (k,)."""
+    def mesh(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return the remaining vertices, (k, 3), the faces, (F, 3), and the old index of each, (k,) and (F,).
+
+        The corners of a face are in the order of the old one.
+        """
+        numbers = self.numbers[[face is not None for face in self.faces]]
         left = np.array([face for face in self.faces if face is not None], np.int64).reshape(-1, 3)
         kept, faces = np.unique(left, return_inverse=True)
-        return self.x[kept], faces.reshape(-1, 3), kept
+        return self.x[kept], faces.reshape(-1, 3), kept, numbers
 
 
 def _cross(corners: FloatArray) -> FloatArray:

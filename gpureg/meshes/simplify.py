@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
@@ -13,11 +14,12 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..checks import integer, number
-from ..doors import door, part_of
+from ..doors import door, outside, part_of
 from ..graphs.of_shapes import mesh_graph
 from ..model.result import Result
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
+from ..shapes.carried import Carried
 from ..shapes.surface import Surface, surface_of, vertex_normals
 from ..solvers import Solver
 from ..weights import Weights, bilateral, guided
@@ -52,7 +54,11 @@ class MeshSimplification:
     faces : (F, 3) int array
         Its triangles.
     kept : (k,) int array
-        The input vertex from which each vertex has its attributes.
+        One of the input vertices merged into each vertex.
+    origin : (F,) int array
+        The input triangle that each triangle is the rest of, with the corners in the same order.
+    which : (n,) int array
+        The same number for input vertices at the same point.
     labels : (n,) int array
         The new vertex that each input vertex was merged into; -1 for vertices without a face.
     met : int
@@ -63,17 +69,36 @@ class MeshSimplification:
         The run of each round.
     seconds : float
         Wall-clock time.
+    asked : int or None
+        The number of vertices that was asked for.
     """
 
     surface: Surface
     vertices: FloatArray
     faces: IntArray
     kept: IntArray
+    origin: IntArray
+    which: IntArray
     labels: IntArray
     met: int
     refused: int
     results: list[Result]
     seconds: float
+    asked: int | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user may not expect, in sentences."""
+        if self.asked is None or len(self.vertices) <= self.asked:
+            return []
+        why = "the surface allows no more" if self.refused else "the process brought no more together: raise max_iter"
+        return [f"{len(self.vertices)} vertices are left instead of {self.asked}: {why}"]
+
+    @property
+    def carried(self) -> Carried:
+        """Where the data at the vertices and faces come from."""
+        before, labels = self.surface, self.labels
+        return Carried(before.vertices, before.faces, self.which, labels, self.origin, self.vertices, self.faces)
 
 
 def simplified(
@@ -106,7 +131,7 @@ def simplified(
     labels, kept = which, _first(which, len(whole.vertices))
     # squares of coordinates far from the origin have too few digits for distances
     centre = whole.vertices.mean(axis=0)
-    v, triangles = whole.vertices - centre, whole.faces
+    v, triangles, origin = whole.vertices - centre, whole.faces, np.arange(len(whole.faces))
     met = refused = 0
     results: list[Result] = []
     quadrics: FloatArray | None = None
@@ -119,11 +144,11 @@ def simplified(
         if weights is None or results:
             # given weights are for the first graph only; neighbouring normals differ more on a coarser mesh
             weights = guided(bilateral(np.inf, _REACH * 2 ** len(results)), vertex_normals(v, triangles))
-        v, triangles, part, which_kept, counts, result, quadrics = _round(
+        v, triangles, part, which_kept, of_faces, counts, result, quadrics = _round(
             v, triangles, quadrics, least, share, dear, weights, process
         )
         labels = np.where(labels >= 0, part[np.maximum(labels, 0)], -1)
-        kept = kept[which_kept]
+        kept, origin = kept[which_kept], origin[of_faces]
         met, refused = met + counts[0], refused + counts[1]
         results.append(result)
         if n_vertices is None:
@@ -136,7 +161,10 @@ def simplified(
         else:
             share = _CHEAP
     spent = time.perf_counter() - begin
-    return MeshSimplification(surface, v + centre, triangles, kept, labels, met, refused, results, spent)
+    moved = v + centre
+    return MeshSimplification(
+        surface, moved, triangles, kept, origin, which, labels, met, refused, results, spent, n_vertices
+    )
 
 
 @door(options=RUN)
@@ -151,10 +179,11 @@ def simplify_mesh(found: MeshSimplification) -> Any:
         count as one.
     faces : (F, 3) int array, optional
     n_vertices : int, optional
-        Number of vertices of the result, at least 4. Each round collapses the cheaper half of the short edges, until
-        the number is reached, or until the surface allows no further collapse. None: one round. It collapses short
-        edges that cost up to 0.3 mean edges to the fourth power (squared distance times area), which leaves a tenth to
-        a fifth of the vertices of most meshes; with given weights it collapses all short edges.
+        Number of vertices of the result, at least 4; those repeated at seams are not counted. Each round collapses the
+        cheaper half of the short edges, until the number is reached, or until the surface allows no further collapse.
+        None: one round. It collapses short edges that cost up to 0.3 mean edges to the fourth power (squared distance
+        times area), which leaves a tenth to a fifth of the vertices of most meshes; with given weights it collapses all
+        short edges.
     p : float, default 0.1
         Degree of regularity, best below 1.
     lam : float, default 0.001
@@ -171,8 +200,16 @@ def simplify_mesh(found: MeshSimplification) -> Any:
     Returns
     -------
     mesh of the type of the input
-        A vertex has the attributes, such as colours, of one of the vertices merged into it. A closed surface stays
-        closed, a manifold stays a manifold; no face has area 0 or occurs twice.
+        A closed surface stays closed, a manifold stays a manifold; no face has area 0 or occurs twice. Numbers and
+        colours at a vertex, and its place in a texture, are interpolated in the nearest triangle around the vertices
+        merged into it; whole numbers, which may be labels, are those of the nearest vertex. A face has the data of the
+        face that it is the rest of. At the seam of a texture a vertex is repeated, once for each side. Normals are
+        computed again.
+
+    Warns
+    -----
+    UserWarning
+        Names the data that the new mesh has not; more than `n_vertices` are left.
 
     Raises
     ------
@@ -202,7 +239,9 @@ def simplify_mesh(found: MeshSimplification) -> Any:
     >>> len(vertices), round(gr.metrics.area((vertices, faces)))
     (9, 64)
     """
-    return found.surface.like(found.vertices, found.faces, found.kept)
+    for note in found.notes:
+        warnings.warn(note, stacklevel=outside())
+    return found.surface.like(found.vertices, found.carried)
 
 
 def _first(which: IntArray, k: int) -> IntArray:
@@ -221,11 +260,12 @@ def _round(
     dear: float,
     weights: Weights | npt.ArrayLike,
     process: Callable[..., Result],
-) -> tuple[FloatArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
+) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, tuple[int, int], Result, FloatArray]:
     """Run the process once and collapse the cheapest share of the short edges, down to `least` vertices.
 
     Return the vertices, (k, 3), and faces that are left, the new index of each vertex, (n,) (-1: removed), the old
-    index of each new vertex, (k,), the numbers of short and of refused edges, the result, and the quadrics, (k, 4, 4).
+    index of each new vertex, (k,), and of each new face, the numbers of short and of refused edges, the result, and the
+    quadrics, (k, 4, 4).
     """
     graph = mesh_graph(v, faces)
     u, w = graph.edge_rows(), graph.indices
@@ -239,8 +279,8 @@ def _round(
     if share < 1 and len(edges):
         most = max(float(np.quantile(collapses.costs(edges), share)), _NOTHING * length**4)
     refused = collapses.collapse_cheapest(edges, least, most)
-    left, triangles, kept = collapses.mesh()
+    left, triangles, kept, numbers = collapses.mesh()
     place = np.full(len(v), -1)
     place[kept] = np.arange(len(kept))
     counts = len(edges), refused
-    return left, triangles, place[collapses.labels()], kept, counts, result, collapses.quadrics[kept]
+    return left, triangles, place[collapses.labels()], kept, numbers, counts, result, collapses.quadrics[kept]

@@ -2,44 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray, checked_faces, checked_points
+from ..arrays import FloatArray, IntArray, all_finite, checked_faces, checked_points
+from ..doors import outside
 from ..graphs.of_shapes import face_edges
-
-# A function that makes a mesh of the input's type from vertices, faces and `kept`: vertex i has the attributes of the
-# input vertex kept[i].
-Maker = Callable[[FloatArray, IntArray, IntArray], Any]
+from .carried import Carried
+from .makers import Maker, of_open3d, of_pair, of_pyvista, of_trimesh
 
 KINDS = "(vertices, faces), or a mesh of trimesh, PyVista or Open3D"
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Vertices (n, 3), triangles (F, 3), and a function that makes a mesh of the input's type."""
+    """Vertices (n, 3), triangles (F, 3), a function that makes a mesh of the input's type, and notes in words."""
 
     vertices: FloatArray
     faces: IntArray
     make: Maker
+    notes: tuple[str, ...] = ()
 
-    def like(self, vertices: FloatArray, faces: IntArray | None = None, kept: IntArray | None = None) -> Any:
-        """Make a mesh of the input's type.
+    def like(self, vertices: FloatArray, carried: Carried | None = None) -> Any:
+        """Make a mesh of the input's type; a warning names what it lost.
 
         Parameters
         ----------
         vertices : (k, 3) float array
-        faces : (F, 3) int array, optional
-            None: the faces of the input.
-        kept : (k,) int array, optional
-            The input vertex whose attributes (such as colours) each vertex gets. None: vertex i those of vertex i.
+        carried : Carried, optional
+            A mesh with fewer vertices, and where its data come from. None: the faces and data are those of the input,
+            but normals are computed again.
         """
-        same = np.arange(len(self.vertices))
-        return self.make(vertices, self.faces if faces is None else faces, same if kept is None else kept)
+        mesh, lost = self.made(vertices, carried)
+        if lost:
+            warnings.warn(f"the new mesh lost {', '.join(lost)}", stacklevel=outside())
+        return mesh
+
+    def made(self, vertices: FloatArray, carried: Carried | None = None) -> tuple[Any, list[str]]:
+        """Make a mesh as :meth:`like`; return it and what it lost, in words."""
+        return self.make(vertices, self.faces if carried is None else carried.faces, carried)
 
     def welded(self) -> tuple[Surface, IntArray]:
         """Merge vertices at the same point; return the surface and the new index of each vertex, (n,).
@@ -75,20 +80,33 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
     Raises
     ------
     TypeError, ValueError
-        Another type; vertices that are not finite points in space; faces that are not triangles.
+        Another type; faces with vertices that are not finite points in space; faces that are not triangles.
+
+    Warns
+    -----
+    UserWarning
+        Vertices that are not finite, and belong to no face.
     """
     if isinstance(mesh, Surface) and faces is None:
         return mesh
-    if faces is not None:
-        mesh = (mesh, faces)
-    for known in (_of_pair, _of_trimesh, _of_pyvista, _of_open3d):
+    surface = taken_apart(mesh if faces is None else (mesh, faces))
+    for note in surface.notes:
+        warnings.warn(note, stacklevel=outside())
+    return surface
+
+
+def taken_apart(mesh: Any) -> Surface:
+    """Convert a mesh to a surface as :func:`surface_of`, without a warning for its notes."""
+    for known in (of_pair, of_trimesh, of_pyvista, of_open3d):
         found = known(mesh)
         if found is not None:
             vertices, triangles, make = found
             break
     else:
         raise TypeError(f"a mesh must be {KINDS}; got {type(mesh).__name__}")
-    points = checked_points(vertices, "vertices")
+    given = np.asarray(vertices)
+    wrong = not_finite(given, triangles)
+    points = checked_points(vertices if wrong is None else np.where(wrong[:, None], 0, given), "vertices")
     if points.shape[1] != 3:
         raise ValueError(f"the vertices of a mesh must have shape (n, 3), got {points.shape}")
     corners = checked_faces(triangles, len(points))
@@ -96,83 +114,46 @@ def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
         raise ValueError(f"faces must be triangles, (F, 3), got {corners.shape}: cut the faces into triangles first")
     if not len(corners):
         raise ValueError("the mesh has no face; for points without faces use gpureg.denoise_points")
-    return Surface(points, corners, make)
+    notes: tuple[str, ...] = ()
+    if wrong is not None:
+        # without a face they take part in nothing: they come back as they were
+        points[wrong] = points[~wrong].mean(axis=0)
+        make = _with_given(make, given, wrong)
+        notes = (f"{wrong.sum()} vertices are not finite; they belong to no face, and are left out",)
+    return Surface(points, corners, make, notes)
 
 
-_Found = tuple[npt.ArrayLike, npt.ArrayLike, Maker]
+def not_finite(vertices: npt.NDArray[Any], faces: npt.ArrayLike) -> npt.NDArray[np.bool_] | None:
+    """Find vertices that are not finite and belong to no face, (n,) bool; None if there are none.
 
-
-def _of_pair(mesh: Any) -> _Found | None:
-    if not isinstance(mesh, tuple | list) or len(mesh) != 2:
+    Raises
+    ------
+    ValueError
+        A vertex that is not finite belongs to a face.
+    """
+    if vertices.ndim != 2 or vertices.dtype.kind != "f" or all_finite(vertices):
         return None
-    return mesh[0], mesh[1], _pair_like(np.asarray(mesh[0]).dtype)
+    wrong: npt.NDArray[np.bool_] = ~np.isfinite(vertices).all(axis=1)
+    used = np.asarray(faces)
+    inside = used[(used >= 0) & (used < len(wrong))] if used.dtype.kind in "iu" else np.zeros(0, int)
+    count = np.bincount(inside.ravel(), minlength=len(wrong))
+    if (wrong & (count > 0)).any():
+        row = int(np.flatnonzero(wrong & (count > 0))[0])
+        raise ValueError(
+            f"vertices must be finite, row {row} is {vertices[row].tolist()} and belongs to {count[row]} faces: "
+            "remove these faces, or give the vertex a position"
+        )
+    return wrong
 
 
-def _pair_like(dtype: np.dtype[Any]) -> Maker:
-    """Make pairs whose vertices have the given type if it is a floating-point type, otherwise float64."""
-    kind = dtype if dtype.kind == "f" else np.dtype(np.float64)
+def _with_given(make: Maker, given: npt.NDArray[Any], wrong: npt.NDArray[np.bool_]) -> Maker:
+    """Put the given rows back where vertices are `wrong`, unless the mesh is simplified."""
 
-    def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
-        return vertices.astype(kind), faces
+    def make_them(vertices: FloatArray, faces: IntArray, carried: Carried | None) -> tuple[Any, list[str]]:
+        whole = vertices if carried is not None else np.where(wrong[:, None], given, vertices)
+        return make(whole, faces, carried)
 
-    return make
-
-
-def _of_trimesh(mesh: Any) -> _Found | None:
-    # asked of the type, because a mesh would compute its normals
-    if not hasattr(type(mesh), "face_normals") or not hasattr(mesh, "vertices"):
-        return None
-
-    def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
-        if faces.shape == mesh.faces.shape and np.array_equal(faces, mesh.faces):
-            copy = mesh.copy()
-            copy.vertices = vertices
-            return copy
-        colours = mesh.visual.vertex_colors[kept] if getattr(mesh.visual, "kind", None) == "vertex" else None
-        made = type(mesh)(vertices=vertices, faces=faces, vertex_colors=colours, process=False)
-        made.vertex_attributes.update({name: np.asarray(x)[kept] for name, x in mesh.vertex_attributes.items()})
-        return made
-
-    return mesh.vertices, mesh.faces, make
-
-
-def _of_pyvista(mesh: Any) -> _Found | None:
-    if not hasattr(mesh, "regular_faces") or not hasattr(mesh, "points"):
-        return None
-    if not mesh.is_all_triangles:
-        raise ValueError("the mesh has faces that are not triangles: call its triangulate() first")
-
-    def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
-        if faces.shape == mesh.regular_faces.shape and np.array_equal(faces, mesh.regular_faces):
-            copy = mesh.copy()
-            copy.points = vertices
-            return copy
-        made = type(mesh).from_regular_faces(vertices, faces)
-        for name in mesh.point_data:
-            made.point_data[name] = np.asarray(mesh.point_data[name])[kept]
-        return made
-
-    return mesh.points, mesh.regular_faces, make
-
-
-def _of_open3d(mesh: Any) -> _Found | None:
-    if not hasattr(mesh, "triangles") or not hasattr(mesh, "vertices"):
-        return None
-
-    def make(vertices: FloatArray, faces: IntArray, kept: IntArray) -> Any:
-        copy = type(mesh)(mesh)
-        copy.vertices = type(mesh.vertices)(vertices)
-        copy.triangles = type(mesh.triangles)(faces.astype(np.int32))
-        if mesh.has_vertex_colors():
-            copy.vertex_colors = type(mesh.vertex_colors)(np.asarray(mesh.vertex_colors)[kept])
-        # the copy has the normals of the input
-        if mesh.has_vertex_normals():
-            copy.compute_vertex_normals()
-        if mesh.has_triangle_normals():
-            copy.compute_triangle_normals()
-        return copy
-
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles), make
+    return make_them
 
 
 def face_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -46,11 +46,10 @@ def vertices_of(mesh) -> np.ndarray:
 
 
 def numbers_of(mesh) -> np.ndarray:
-    """Which vertex that came in each has the attributes of."""
+    """Which vertex that came in each has the whole numbers, or else the colours, of."""
     if hasattr(mesh, "point_data"):
         return np.asarray(mesh.point_data["number"])
     if hasattr(mesh, "vertex_attributes"):
-        assert np.array_equal(mesh.visual.vertex_colors, COLOURS[mesh.vertex_attributes["number"]])
         return np.asarray(mesh.vertex_attributes["number"])
     colours = np.rint(np.asarray(mesh.vertex_colors) * 255).astype(int)
     assert len({tuple(colour) for colour in COLOURS[:, :3].tolist()}) == len(COLOURS)
@@ -66,6 +65,8 @@ def test_the_same_kind_comes_out(kind):
     assert np.array_equal(vertices_of(clean), CLEAN)
     assert np.array_equal(surface_of(clean).faces, FACES)
     assert np.array_equal(numbers_of(clean), np.arange(len(NOISY)))
+    if kind == "trimesh":
+        assert np.array_equal(clean.visual.vertex_colors, COLOURS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -76,10 +77,12 @@ def test_attributes_follow_the_vertices_that_are_left(kind):
     assert type(simple) is type(mesh)
     assert np.array_equal(vertices_of(simple), vertices)
     assert np.array_equal(surface_of(simple).faces, faces)
-    # a vertex is made of some around it: its attributes are from near by (a sphere of 40 has edges of about 0.6)
+    if kind == "open3d":
+        return  # it has colours alone, which are interpolated
+    # a whole number is that of the nearest vertex of the nearest triangle: edges of the sphere are about 0.3
     numbers = numbers_of(simple)
     assert len(set(numbers.tolist())) == len(vertices) == 40
-    assert np.linalg.norm(NOISY[numbers] - vertices, axis=1).max() < 0.8
+    assert np.linalg.norm(NOISY[numbers] - vertices, axis=1).max() < 0.3
 
 
 def test_normals_of_open3d_are_those_of_the_new_surface():
