@@ -187,7 +187,7 @@ class Work:
             for tile in tiles:
                 done(len(results))
                 raster = self._raster(i, tile.wide, checked=False)
-                if self._own_plans:
+                if self._own_plans and (raster.inside is None or raster.inside.any()):
                     fitting = plan_of(raster, self._settings, self._layout.spacing)
                 else:
                     fitting = plan if self._sampled or not several else part_of(plan, self._shape, tile)
