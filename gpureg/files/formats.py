@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .picture import Picture, PictureError
+from .tiff_writing import loses_words
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,9 @@ def written_otherwise(path: Path, picture: Picture) -> list[str]:
         "the resolution (dots per inch)": held.dpi is not None and not row.dpi,
         "text and colour chunks of the PNG": any(name in _TOLD for name, _ in held.chunks) and row.name != "PNG",
         "tags of the TIFF": bool(held.tags) and row.name != "TIFF",
+        f"metadata of {_WRITERS.get(picture.tags.kind, 'the file')}": (
+            loses_words(picture) if row.name == "TIFF" else bool(picture.tags.words)
+        ),
     }
     lost = [what for what, is_lost in unset.items() if is_lost]
     if lost:
@@ -138,5 +142,6 @@ def written_otherwise(path: Path, picture: Picture) -> list[str]:
     return notes
 
 
+_WRITERS = {"imagej": "ImageJ", "ome": "OME", "shaped": "tifffile"}
 # Chunks of a PNG whose loss is told; others repeat what the formats take for granted, such as sRGB.
 _TOLD = (b"tEXt", b"zTXt", b"iTXt", b"cHRM")

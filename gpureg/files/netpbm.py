@@ -59,7 +59,8 @@ def read_netpbm(data: bytes, where: str) -> Picture:
     array = flat.reshape((height, width) if depth == 1 else (height, width, depth))
     pixels, alpha = split(array.astype(array.dtype.newbyteorder("=")), where)
     usual = white in (255, 65535)
-    note = () if usual else (f"white is {white}: the values stay as they are, 0 to {white}",)
+    note: tuple[str, ...] = () if usual else (f"white is {white}: the values stay as they are, 0 to {white}",)
+    note += ("its 1 bit(s) per sample became 8",) if kind in (1, 4) else ()
     return Picture(pixels, alpha, metadata=Metadata(white=None if usual else white), notes=note)
 
 

@@ -12,9 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .picture import Metadata, Picture, PictureError, Tags, checked_axes, split
-from .tiff_colours import from_cmyk, from_palette, spread, unassociated, upright
+from .tiff_colours import from_cmyk, from_palette, from_ycbcr, spread, unassociated, upright
 from .tiff_words import OF_AXIS, copied_tags, damaged, lettered, lost_tags, nodata_of, only_series, sizes_of, words_of
 
+# Compressions whose decoder turns YCbCr into RGB.
+_JPEGS = (6, 7, 34892, 33007)
 # Units of the resolution, in inches.
 _INCHES = {2: 1.0, 3: 2.54}
 
@@ -60,6 +62,9 @@ def expect_readable(page: Any, where: str) -> None:
     bits = page.bitspersample
     if bits not in (1, 2, 4, 8, 16, 32, 64) and not 8 < bits < 16 and not (bits == 24 and page.sampleformat == 3):
         raise PictureError(f"{where} has {bits} bits per sample; 1, 2, 4, 8 to 16, 32 and 64 are read")
+    halved = known.YCBCR == page.photometric and tuple(page.tags.valueof(530, default=(2, 2))) != (1, 1)
+    if halved and page.compression not in _JPEGS:
+        raise PictureError(f"{where} has YCbCr colours at fewer places than its greys; convert it to RGB first")
     if page.photometric == known.SEPARATED and page.samplesperpixel != 4:
         raise PictureError(f"{where} has {page.samplesperpixel} inks; CMYK is read, convert it to RGB first")
 
@@ -86,8 +91,12 @@ def picture_of(
         array, lost = from_cmyk(array), "" if profile is None else " without its colour profile"
         notes.append(f"CMYK colours became RGB by the plain formula{lost}")
         profile = None
+    elif page.photometric == known.YCBCR and page.compression not in _JPEGS:
+        array = from_ycbcr(array)
+        notes.append("YCbCr colours became RGB")
     elif bits < 8:
         array = spread(array, bits) if not labels or bits == 1 else array
+        notes.append(f"its {bits} bit(s) per sample became 8")
     elif 8 < bits < 16 or bits == 24:
         notes.append(f"its {bits} bits per sample are written as {array.dtype}; the values stay as they are")
     if page.photometric == known.MINISWHITE and array.dtype.kind == "u":

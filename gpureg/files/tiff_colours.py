@@ -25,6 +25,14 @@ def from_cmyk(inks: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return (np.rint(colours) if inks.dtype.kind == "u" else colours).astype(inks.dtype)
 
 
+def from_ycbcr(colours: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return RGB (..., 3) for luma and two differences of colour of 8 bits (ITU-R BT.601, as in JPEG)."""
+    luma, blue, red = (colours[..., i].astype(np.float64) for i in range(3))
+    blue, red = blue - 128, red - 128
+    rgb = np.stack([luma + 1.402 * red, luma - 0.344136 * blue - 0.714136 * red, luma + 1.772 * blue], axis=-1)
+    return np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
+
+
 def spread(values: npt.NDArray[Any], bits: int) -> npt.NDArray[Any]:
     """Spread 1, 2 or 4 bits over 0..255, so that black stays black and white white."""
     return values.astype(np.uint8) * np.uint8(255 // (2**bits - 1))

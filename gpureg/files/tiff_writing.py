@@ -90,6 +90,14 @@ def written_kind(picture: Picture, letters: str) -> Kind:
     return kind
 
 
+def loses_words(picture: Picture) -> bool:
+    """Return whether the metadata of ImageJ or OME cannot be written with these axes and this type."""
+    letters = picture.axes
+    if picture.alpha is not None or (picture.tags.samples and "C" in letters):
+        letters = letters.replace("C", "") + "S"
+    return bool(picture.tags.words) and written_kind(picture, letters) != picture.tags.kind
+
+
 def _settings(picture: Picture, kind: Kind, letters: str) -> dict[str, Any]:
     """Return what tifffile is told beside the values."""
     tags, held = picture.tags, picture.metadata

@@ -85,7 +85,9 @@ def _of(image: Any, opened: Any, where: str, notes: tuple[str, ...]) -> Picture:
         image = image.convert(kind)
     elif image.mode not in ("L", "LA", "RGB", "RGBA"):
         # Bilevel becomes grey, CMYK and YCbCr become RGB, which a CMYK profile does not fit.
-        if image.mode != "1":
+        if image.mode == "1":
+            notes = (*notes, "its 1 bit(s) per sample became 8")
+        else:
             without = " without its colour profile" if profile else ""
             notes = (*notes, f"{image.mode} colours became RGB by the plain formula{without}")
             profile = None

@@ -131,7 +131,9 @@ def _bytes(plan: DenoisePlan, grid: GridGraph, channels: int, device: Backend) -
     stored = bool(plan.average_patches) and not step.fuses(device, grid)
     maps = bool(plan.average_patches) or np.ndim(plan.lam) > 0 or bool(plan.photon) or plan.replaces_impulses
     job = Job(channels + stored, weights=plan.weights, per_vertex=maps, stored=stored)  # type: ignore[arg-type]
-    return job.need(grid, device).total + grid.n_vertices * channels * device.dtype.itemsize * _HOST
+    # the memory of a GPU is not that of the process; its own limit cuts tiles of a part
+    on_device = 0 if device.device.kind == "gpu" else job.need(grid, device).total
+    return on_device + grid.n_vertices * channels * device.dtype.itemsize * _HOST
 
 
 def working_set(limit: int, values: int) -> int:

@@ -18,6 +18,7 @@ from ..images.plan import DenoisePlan
 from ..images.raster import Raster
 from ..model.memory import ProcessLimit, readable
 from ..model.result import Result
+from ..progress import progress_bar
 from ..regularization.tiling import Tile
 from ..weights import Weights, patch_weights
 from .denoise_settings import Settings, plan_of
@@ -181,22 +182,28 @@ class Work:
             whole = tuple(slice(0, n) for n in self._shape)
             tiles = (Tile(whole, whole),)
         results = list[Result]()
-        for tile in tiles:
-            raster = self._raster(i, tile.wide, checked=False)
-            if self._own_plans:
-                fitting = plan_of(raster, self._settings, self._layout.spacing)
-            else:
-                fitting = plan if self._sampled or len(tiles) == 1 else part_of(plan, self._shape, tile)
-            guide = None
-            if self._guide is not None:
-                guide = self._layout.part(self._guide.read(self._layout.box(i, tile.wide)), self._guide.header.axes)
-            cells = Raster(raster.cells, raster.inside, -1)
-            shown = progress and len(tiles) == 1
-            value, result = run_part(fitting, cells, tile, guide, progress=shown, **run)
-            put(self._layout.box(i, tile.own), self._layout.part_back(value, header.axes))
-            results.append(result)
+        several = len(tiles) > 1
+        with progress_bar(progress and several, len(tiles), "parts") as done:
+            for tile in tiles:
+                done(len(results))
+                raster = self._raster(i, tile.wide, checked=False)
+                if self._own_plans and (raster.inside is None or raster.inside.any()):
+                    fitting = plan_of(raster, self._settings, self._layout.spacing)
+                else:
+                    fitting = plan if self._sampled or not several else part_of(plan, self._shape, tile)
+                cells, guide = Raster(raster.cells, raster.inside, -1), self._compared(i, tile)
+                value, result = run_part(fitting, cells, tile, guide, progress=progress and not several, **run)
+                put(self._layout.box(i, tile.own), self._layout.part_back(value, header.axes))
+                results.append(result)
+            done(len(tiles))
         self.parts += len(tiles)
         return joined(results)
+
+    def _compared(self, i: int, tile: Tile) -> npt.NDArray[Any] | None:
+        """Read the guide's part of a tile."""
+        if self._guide is None:
+            return None
+        return self._layout.part(self._guide.read(self._layout.box(i, tile.wide)), self._guide.header.axes)
 
     def _raster(self, i: int, part: tuple[slice, ...], *, checked: bool = True) -> Raster:
         """Read a part of a slice."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tifffile
 from made_pictures import SIZE, picture, refuses
 from made_stacks import NAMED, write_named
 
+from gpureg.files.formats import written_otherwise
 from gpureg.files.pictures import Picture, read_picture, write_picture
 from gpureg.files.slabs import Slabs
 from gpureg.files.spill import Spill
@@ -145,3 +148,24 @@ def test_a_part_that_is_missing_is_named(tmp_path):
     refuses(tmp_path / "a.tif", "truncated or damaged")
     with Slabs.open(tmp_path / "a.tif") as slabs, pytest.raises(OSError, match=r"a\.tif is truncated or damaged"):
         slabs.read({})
+
+
+def test_metadata_of_imagej_that_do_not_fit_are_named(tmp_path):
+    array = np.random.default_rng(0).integers(0, 255, (3, *SIZE)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", array, imagej=True, metadata={"axes": "ZYX", "spacing": 3.0, "unit": "um"})
+    got = read_picture(tmp_path / "a.tif")
+    assert written_otherwise(tmp_path / "b.tif", got) == []
+    wide = replace(got, pixels=got.pixels.astype(np.int16))  # which ImageJ does not read
+    assert written_otherwise(tmp_path / "b.tif", wide) == ["not stored in TIFF: metadata of ImageJ"]
+
+
+def test_ycbcr_without_jpeg_is_turned_into_rgb(tmp_path):
+    """Pillow writes it so, and converts it back by the same formula."""
+    from PIL import Image
+
+    image = Image.fromarray(picture("rgb", "uint8").pixels).convert("YCbCr")
+    image.save(tmp_path / "a.tif")
+    got = read_picture(tmp_path / "a.tif")
+    # Pillow's integers are within 1 of the formula
+    assert np.abs(got.pixels.astype(int) - np.asarray(image.convert("RGB"))).max() <= 1
+    assert "YCbCr" in got.notes[0]
