@@ -86,6 +86,9 @@ def fitted_surface(points: FloatArray, run: Run, scales: Sequence[int] = SCALES)
     18 neighbours. In the second, each point takes the largest scale up to which its heights and those around it are
     white: the mean of h(u) h(v) over the edges is at most 0.02 of that of h^2.
     """
+    # neighbours beside each other in memory: searches and sums take little more than half of the time
+    order = _tree(points).indices
+    points = points[order]
     y, results = points, []
     tree, around = _tree(y), slice(0, len(y))
     normals, more, graph, part = _normals(y, _neighbours(tree, y, around, AROUND)[0], run)
@@ -99,7 +102,8 @@ def fitted_surface(points: FloatArray, run: Run, scales: Sequence[int] = SCALES)
     heights, sigma = _chosen(graph, normals, *np.split(table, 3, axis=1))
     alone = np.bincount(part)[part] < LEAST
     heights[alone], sigma[alone] = 0, np.nan
-    return SurfaceFit(heights, normals, sigma, part, tuple(results))
+    back = np.argsort(order)
+    return SurfaceFit(heights[back], normals[back], sigma[back], part[back], tuple(results))
 
 
 def _tree(y: FloatArray) -> Any:

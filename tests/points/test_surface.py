@@ -17,7 +17,7 @@ from gpureg.points.quadrics import in_pieces, solved, terms
 
 ON = {"backend": "numpy"}
 RNG = np.random.default_rng(3)
-BALL = RNG.normal(size=(2000, 3))
+BALL = RNG.normal(size=(1200, 3))
 BALL /= np.linalg.norm(BALL, axis=1, keepdims=True)
 SPACING = spacing_of(BALL)
 NOISE = RNG.normal(0, 0.3 * SPACING, BALL.shape)
@@ -33,10 +33,10 @@ def test_noise_in_less_than_half():
     half = BALL + NOISE * part[:, None]
     found = denoised(half, **ON)
     left = off(found.points[part]) / off(half[part])
-    assert left < 0.3  # measured: 0.21; with noise everywhere 0.22
+    assert left < 0.3  # measured: 0.26; with noise everywhere 0.23
     assert left < 1.15 * off(gr.denoise_points(BALL + NOISE, **ON)) / off(BALL + NOISE)
-    assert off(found.points[~part]) < 0.03 * SPACING  # measured: 0.014
-    inside, outside = BALL[:, 2] > 0.4, BALL[:, 2] < 0
+    assert off(found.points[~part]) < 0.03 * SPACING  # measured: 0.021
+    inside, outside = BALL[:, 2] > 0.4, BALL[:, 2] < -0.3
     assert np.median(found.levels[inside]) == pytest.approx(0.3 * SPACING, rel=0.15)
     assert np.median(found.levels[outside]) < 0.02 * SPACING
     assert found.sigma == pytest.approx(0.3 * SPACING * np.sqrt(part.mean()), rel=0.15)
@@ -46,19 +46,19 @@ def test_noise_in_less_than_half():
 def test_outliers_are_found_and_stay():
     """Of points moved by 8 spacings at random, those that leave the surface; the others move as without."""
     noisy = BALL + NOISE
-    moved = RNG.permutation(len(noisy))[:60]
+    moved = RNG.permutation(len(noisy))[:40]
     dirty = noisy.copy()
-    dirty[moved] += 8 * SPACING * RNG.normal(size=(60, 3)) / np.sqrt(3)
+    dirty[moved] += 8 * SPACING * RNG.normal(size=(40, 3)) / np.sqrt(3)
     far = moved[np.abs(np.linalg.norm(dirty[moved], axis=1) - 1) > 2 * SPACING]
-    with pytest.warns(UserWarning, match="of 2000 points are outliers"):
+    with pytest.warns(UserWarning, match="of 1200 points are outliers"):
         kept = gr.denoise_points(dirty, **ON)
     found = denoised(dirty, **ON)
-    assert found.outliers[far].mean() > 0.8  # measured: 0.90; 2 spacings are 7 deviations
+    assert found.outliers[far].mean() > 0.8  # measured: 0.97; 2 spacings are 7 deviations
     assert np.isin(np.flatnonzero(found.outliers), moved).mean() > 0.95
     assert np.array_equal(kept, found.points)
     assert np.array_equal(kept[found.outliers], dirty[found.outliers])
     rest = np.setdiff1d(np.arange(len(noisy)), moved)
-    assert off(found.points[rest]) < 1.25 * off(gr.denoise_points(noisy, **ON)[rest])  # measured: 1.16
+    assert off(found.points[rest]) < 1.25 * off(gr.denoise_points(noisy, **ON)[rest])  # measured: 1.09
     assert np.isnan(gr.estimate_point_noise(dirty, of="point")[found.outliers]).all()
     # few false ones: measured 0
     assert outliers(noisy).sum() <= 2 and outliers(BALL).sum() <= 2
@@ -70,21 +70,21 @@ def test_what_cannot_be_told():
     """Too few points for normals: they stay, and the noise is NaN, not 0."""
     clump = BALL[:12] * 0.01 + 5
     both = np.concatenate([BALL + NOISE, clump])
-    with pytest.warns(UserWarning, match="the noise of 12 of 2012 points cannot be told"):
+    with pytest.warns(UserWarning, match="the noise of 12 of 1212 points cannot be told"):
         found = gr.denoise_points(both, **ON)
-    assert np.array_equal(found[2000:], clump)
-    assert_allclose(found[:2000], gr.denoise_points(BALL + NOISE, **ON), atol=1e-6 * SPACING)
+    assert np.array_equal(found[1200:], clump)
+    assert_allclose(found[:1200], gr.denoise_points(BALL + NOISE, **ON), atol=1e-6 * SPACING)
     with pytest.warns(UserWarning, match="cannot be told"):
         assert np.array_equal(gr.denoise_points(clump, **ON), clump)
     with pytest.warns(UserWarning, match="the noise of 12 points cannot be told"):
         assert np.isnan(gr.estimate_point_noise(clump))
     levels = gr.estimate_point_noise(both, of="component")
-    assert np.isnan(levels[2000:]).all() and len(np.unique(levels[:2000])) == 1
+    assert np.isnan(levels[1200:]).all() and len(np.unique(levels[:1200])) == 1
     assert levels[0] == pytest.approx(0.3 * SPACING, rel=0.1)
 
 
 def test_pinned_points_and_a_bound():
-    fixed = np.arange(2000) % 5 == 0
+    fixed = np.arange(1200) % 5 == 0
     noisy = BALL + NOISE
     found = gr.denoise_points(noisy, fixed=fixed, max_displacement=0.1 * SPACING, **ON)
     distance = np.linalg.norm(found - noisy, axis=1)
@@ -148,14 +148,14 @@ def test_normals_go_along():
 
     old = (-BALL).astype(np.float32)
     old[7] = 0
-    given = Cloud(BALL + NOISE, {"Normals": old, "heat": np.arange(2000)})
+    given = Cloud(BALL + NOISE, {"Normals": old, "heat": np.arange(1200)})
     found = gr.denoise_points(given, **ON)
     new = found.point_data["Normals"]
     assert new.dtype == np.float32 and not np.array_equal(new, old)
     assert_allclose(np.linalg.norm(new, axis=1), 1, atol=1e-6)
     assert (-(new * BALL).sum(axis=1)).min() > 0.9  # measured: 0.98
     assert np.array_equal(given.point_data["Normals"], old)
-    assert np.array_equal(found.point_data["heat"], np.arange(2000))
+    assert np.array_equal(found.point_data["heat"], np.arange(1200))
     by_positions = gr.denoise_points(given, filter="positions", **ON).point_data["Normals"]
     assert np.median(-(by_positions * BALL).sum(axis=1)) > 0.95
     few = Cloud(BALL[:3], {"Normals": old[:3]})
@@ -186,7 +186,7 @@ def test_normals_and_covariances_of_open3d():
     found = gr.denoise_points(given, **ON)
     assert type(found.points) is List and np.array_equal(found.points, gr.denoise_points(BALL + NOISE, **ON))
     assert (-(np.asarray(found.normals) * BALL).sum(axis=1)).min() > 0.9
-    given.covariances = List(np.ones((2000, 3, 3)))
+    given.covariances = List(np.ones((1200, 3, 3)))
     with pytest.warns(UserWarning, match="the covariances of the points are left out: the points moved"):
         assert len(gr.denoise_points(given, **ON).covariances) == 0
 
