@@ -9,12 +9,13 @@ from .denoise import denoise
 from .figures import figures
 from .group import main
 from .mesh import mesh
+from .noise import noise
 from .points import points
 from .simplify import simplify
 
 __all__ = ["COMMANDS", "main"]
 
-COMMANDS = (denoise, simplify, mesh, curve, points, demo, figures, list_backends)
+COMMANDS = (denoise, noise, simplify, mesh, curve, points, demo, figures, list_backends)
 
 for command in COMMANDS:
     main.add_command(command)

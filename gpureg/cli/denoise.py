@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -38,6 +38,19 @@ def _fidelity(text: str) -> float | str:
         raise click.BadParameter(f"{text!r} is neither a number >= 0 nor one of {', '.join(LAM_METHODS)}.") from None
 
 
+def _noise(text: str) -> float | tuple[float, ...] | Literal["photon"]:
+    """Parse a number, numbers with commas, or the word photon."""
+    if text.strip().lower() == "photon":
+        return "photon"
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is neither a number >= 0, nor numbers such as 5,10,5, nor photon."
+        ) from None
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
 # The options that belong to one weight function only.
 _OPTIONS_OF_WEIGHTS = {
     "patch_radius": "patch",
@@ -55,7 +68,14 @@ _OPTIONS_OF_WEIGHTS = {
     short_help="Denoise pictures, volumes, series.",
 )
 @click.argument("paths", metavar="IN... OUT", nargs=-1)
-@click.option("--sigma", type=float, help="Standard deviation of the noise, in pixel values.  [default: estimated]")
+@click.option(
+    "--sigma",
+    type=_noise,
+    metavar="FLOAT[,FLOAT...]|photon",
+    help="Standard deviation of the noise, in pixel values; one for each channel; or photon: it grows with the value.  "
+    "[default: estimated]",
+)
+@click.option("--offset", type=float, help="For --sigma photon: the camera's value without light.")
 @click.option("--p", type=float, help="Degree of regularity > 0: 2 smooth, 1 total variation, < 1 flat.  [default: 2]")
 @click.option(
     "--lam",
@@ -111,12 +131,7 @@ _OPTIONS_OF_WEIGHTS = {
 @options.each
 @options.spacing
 @options.mask
-@click.option(
-    "--nodata",
-    type=float,
-    metavar="VALUE",
-    help="Leave out pixels of this value; inf: of both infinities.  [default: what a TIFF of GDAL names]",
-)
+@options.nodata
 @click.option(
     "--guide", type=FILE, help="Picture that the weights compare instead of IN; or a folder with files named as IN."
 )

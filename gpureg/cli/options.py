@@ -41,12 +41,21 @@ axes = click.option(
     "--axes", help="Letters of a TIFF's axes: T time, Z, Y, X, C channels, such as TZYX.  [default: from the file]"
 )
 each = click.option(
-    "--each", type=click.Choice(["T", "Z"]), multiple=True, help="Treat the slices of this axis one by one."
+    "--each",
+    type=click.Choice(["T", "Z", "C"]),
+    multiple=True,
+    help="Treat the slices, or channels, of this axis alone.",
 )
 spacing = click.option(
     "--spacing", help="Size of a voxel along each axis except C, such as 3,1,1, or the word file.  [default: 1]"
 )
 mask = click.option("--mask", type=FILE, help="Picture, nonzero at pixels to use; or a folder with files named as IN.")
+nodata = click.option(
+    "--nodata",
+    type=float,
+    metavar="VALUE",
+    help="Leave out pixels of this value; inf: of both infinities.  [default: what a TIFF of GDAL names]",
+)
 as_json = click.option(
     "--json",
     "as_json",

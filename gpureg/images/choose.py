@@ -113,6 +113,24 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     return _plan(raster, asked, noise)
 
 
+def each_channel(raster: Raster, **options: Unpack[Choice]) -> DenoisePlan:
+    """Return a plan that denoises each channel by itself, also where they are better together."""
+    count = raster.channels
+    sigma = options.get("sigma")
+    each = [sigma] * count
+    if isinstance(sigma, np.ndarray | Sequence) and not isinstance(sigma, str) and np.shape(sigma) == (count,):
+        each = list(sigma)
+    plans = []
+    for i, one in enumerate(each):
+        own: Any = {**options, "sigma": one}
+        plans.append(plan_denoising(raster.only((i,)), **cast("Choice", own)))
+    levels = tuple(math.nan if plan.sigma is None else plan.sigma for plan in plans)
+    known = [level for level in levels if not math.isnan(level)]
+    total = math.sqrt(sum(level**2 for level in known) / len(known)) if known else None
+    groups = tuple(((i,), plan) for i, plan in enumerate(plans))
+    return replace(plans[0], sigma=total, sigmas=levels, groups=groups, same=tuple(range(count)), report=None)
+
+
 def _flat_side(raster: Raster) -> int:
     """Return the side of large areas of equal values."""
     return max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))

@@ -120,6 +120,7 @@ class DenoiseReport:
         lines = [axes_line(report)] if self.axes_guessed else []
         slices = f" in each of {len(plans)} slices along {self.through}" if self.through else ""
         lines.append(f"noise    sigma = {sigma}{WHITE.get(self.files['dtype'], '')}, {origin}{slices}")
+        lines += _noise_lines(plan)
         filters = [plan.describe() for plan in plans]
         first = "" if len(set(filters)) == 1 else " (first slice)"
         more = "; edge norm" if self.norm == "edge" else ""
@@ -136,3 +137,17 @@ class DenoiseReport:
         lines += note_lines(self.files)
         lines.append(done_line(report))
         return lines
+
+
+def _noise_lines(plan: DenoisePlan) -> list[str]:
+    """Return lines on noise that is not white, from the first plan."""
+    own = [each for _, each in plan.groups] or [plan]
+    gains = [line.gain for each in own for line in each.photon if line is not None]
+    lines = []
+    if gains:
+        known = ", ".join(f"{gain:.3g}" for gain in gains)
+        lines.append(f"growth   the noise grows with the value (gain {known}): a map of it was used")
+    if plan.report is not None and any(each.replaces_impulses for each in own):
+        share = max(channel.impulses for channel in plan.report.channels if channel.has_impulses)
+        lines.append(f"impulses {100 * share:.2g} % of the pixels were replaced by what their neighbours say")
+    return lines

@@ -11,13 +11,14 @@ import numpy as np
 
 from .. import backends
 from ..graphs.edges import Metric
-from ..images.choose import plan_denoising
+from ..images.choose import each_channel, plan_denoising
 from ..images.noise import Noise
 from ..images.options import CHOICE, Choice, WeightKind
 from ..images.plan import AveragePatches, Centre, DenoisePlan
 from ..images.raster import Raster
 from ..images.run import run_plan
 from ..model.problem import Norm
+from ..noise.photon import estimate_photon_noise
 from ..tuning.fidelity import LamMethod
 
 Averaging = Literal["none", "plain", "weighted"]
@@ -28,7 +29,8 @@ AVERAGING: dict[Averaging, AveragePatches] = {"none": False, "plain": True, "wei
 class Settings:
     """The options of ``gpureg denoise``, without IN and OUT."""
 
-    sigma: float | None = None
+    sigma: float | tuple[float, ...] | Literal["photon"] | None = None
+    offset: float | None = None
     p: float | None = None
     lam: float | LamMethod | None = None
     radius: float | None = None
@@ -96,6 +98,8 @@ def expect_fitting(settings: Settings) -> None:
     ValueError
         The message names the option and what it needs.
     """
+    if settings.offset is not None and settings.sigma != "photon":
+        raise ValueError("--offset needs --sigma photon")
     filters = settings.p in (None, 2)
     kind = settings.weights
     if kind is None and (filters or settings.k is not None):
@@ -144,11 +148,18 @@ def plan_of(raster: Raster, settings: Settings, spacing: tuple[float, ...] | Non
         As :func:`gpureg.plan_denoising`.
     """
     given = {name: getattr(settings, name) for name in CHOICE if hasattr(settings, name)}
+    if settings.offset is not None:
+        given["sigma"] = estimate_photon_noise(
+            raster.values, offset=settings.offset, channel_axis=raster.channel_axis, mask=raster.inside
+        )
     averaging = None if settings.average_patches is None else AVERAGING[settings.average_patches]
     # the plan depends only on whether there is a guide
     guide = None if settings.guide is None else raster.values
     given |= {"spacing": spacing, "guide": guide, "average_patches": averaging, "mask": None}
-    plan = plan_denoising(raster, **cast("Choice", given))
+    if "C" in settings.each and raster.channels > 1:
+        plan = each_channel(raster, **cast("Choice", given))
+    else:
+        plan = plan_denoising(raster, **cast("Choice", given))
     if plan.sigma is None:  # not used, but reported
         plan = replace(plan, sigma=Noise(None).found(raster).sigma, estimated=True)
     return plan
@@ -169,6 +180,12 @@ def rehearse(settings: Settings) -> None:
         settings = replace(settings, lam=None)
     if settings.spacing is not None:  # the radius is in its units
         settings = replace(settings, radius=None)
+    if settings.sigma == "photon":  # so small an image does not tell the gain
+        settings = replace(settings, sigma=1.0, offset=None)
+    elif isinstance(settings.sigma, tuple):
+        if not all(math.isfinite(sigma) and sigma >= 0 for sigma in settings.sigma):
+            raise ValueError(f"--sigma must be finite and >= 0 in each channel, got {settings.sigma}")
+        settings = replace(settings, sigma=settings.sigma[0])
     raster = Raster.of(noise)
     plan = plan_of(raster, settings, None)
     run = {**settings.run(), "backend": "numpy", "memory": None}

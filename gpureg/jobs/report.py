@@ -31,8 +31,9 @@ def number(value: float) -> float | str:
 def run_of(plan: DenoisePlan, result: Result) -> dict[str, Any]:
     """Return the report on one run of the model, for JSON."""
     return {
-        "sigma": plan.sigma,
+        "sigma": None if plan.sigma is None else number(plan.sigma),
         "sigma_estimated": plan.estimated,
+        "noise": None if plan.report is None else plan.report.as_json(),
         "filter": plan.describe(),
         "p": plan.p,
         "lam": number(float(np.asarray(plan.lam))),

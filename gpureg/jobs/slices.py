@@ -90,6 +90,9 @@ def layout_of(
         An axis does not exist, or the number of sizes is wrong, or the file does not have them.
     """
     axes = picture.axes
+    if "C" in each and "C" not in axes:
+        raise ValueError(f"--each C: {source} has no channels, its axes are {axes}")
+    each = tuple(letter for letter in each if letter != "C")
     for letter in each:
         if letter not in axes:
             guess = "" if picture.tags.named else ", as the file names none; --axes TYX makes it a series"

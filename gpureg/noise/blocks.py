@@ -15,9 +15,9 @@ from .steps import Flags
 
 # Three axes are a volume, not a stack of planes, if the first of them has at least this length.
 _THICK = 8
-# Images of more pixels are measured in evenly spread tiles, about 2^22 pixels in all: for each number of axes, the
+# Images of more pixels are measured in evenly spread tiles, about 2^21 pixels in all: for each number of axes, the
 # number of tiles along an axis, and their side. Tiles start at multiples of 8, the side of the blocks of a JPEG.
-LARGE, TILES = 1 << 22, {2: (8, 256), 3: (4, 40)}
+LARGE, TILES = 1 << 21, {2: (8, 176), 3: (4, 32)}
 _GRID = 8
 # Of a series, evenly spread planes or volumes are measured: at least this number, and about so many pixels.
 FEWEST, MOST = 16, 1 << 22
