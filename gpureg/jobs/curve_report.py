@@ -268,7 +268,7 @@ class CurveReport(ShapeReport):
     def cautions(self) -> list[str]:
         """Return the lines on outliers, gaps, repeated vertices, crossings, and curves that were not treated."""
         lines = [found_line(self.worked.found)] if any(map(_anything, self.worked.found)) else []
-        if (counts := self.worked.crossings) is not None and max(counts):
+        if (counts := self.worked.crossings) is not None and max(counts.before, counts.after):
             option = f", {counts.new} new: --valid prevents them" if counts.new else ""
             what = "curves cross" if counts.between else "a curve crosses itself (others were not counted)"
             lines.append(f"crossing {counts.before} -> {counts.after} places where {what}{option}")
