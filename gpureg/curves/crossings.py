@@ -131,13 +131,15 @@ def meeting(x: FloatArray, segments: IntArray, within: IntArray | None = None) -
     which = np.tile(of, 4)
     key = squares[:, 0] * (int(squares[:, 1].max()) + 1) + squares[:, 1]
     if within is not None:
-        # the squares of one group after those of another
-        key = np.unique(key, return_inverse=True)[1].reshape(-1) + len(key) * within[which]
+        # the squares of one group after those of another; numbered first if their product is no integer any more
+        if int(key.max() + 1) * int(within.max() + 1) > np.iinfo(np.int64).max:
+            key = np.unique(key, return_inverse=True)[1].reshape(-1)
+        key = key + (key.max() + 1) * within[which]
     order = np.lexsort((which, key))
     key, which = key[order], which[order]
     new = np.concatenate([[True], (np.diff(key) != 0) | (np.diff(which) != 0)])
     key, which = key[new], which[new]
-    together = np.unique(key, return_counts=True)[1]
+    together = np.diff(np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1], [True]])))
     if (together * (together - 1) // 2).sum() > _MOST_PAIRS + 100 * len(segments):
         return None
     low, high = np.minimum(start, end), np.maximum(start, end)

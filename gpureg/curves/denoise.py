@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -90,8 +91,8 @@ def denoised(
     check_numbers({"eps": eps, "tol": tol}, p=p, sigma=sigma, max_iter=max_iter)
     n = sum(map(len, curves.points))
     given = None if lam is None else checked_fidelity(lam, n)
-    held = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n).copy()
-    task = Task.of(curves, given, sigma, float(p), held, flag("keep_ends", keep_ends), _is_array(weights))
+    still = np.zeros(n, bool) if fixed is None else checked_flags("fixed", fixed, n)
+    task = Task.of(curves, given, sigma, float(p), still, flag("keep_ends", keep_ends), _is_array(weights))
     results: tuple[Result, ...] = ()
     moved = task.f0
     if not np.isinf(task.fidelity).all():
@@ -103,14 +104,18 @@ def denoised(
             initial = task.minimiser if weights is None else None
         # one number if all are equal: the fastest kernels and direct solvers need that
         same = (task.fidelity == task.fidelity[0]).all()
+        held = float(task.fidelity[0]) if same else task.fidelity
+        # the energy of f / unit with lam unit^(2 - p) is that of f: squares must stay in the range of float32
+        unit = _unit(task.f0)
         run = functools.partial(
-            regularize, task.f0, task.graph, p=p, lam=float(task.fidelity[0]) if same else task.fidelity,
-            weights=weights, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, initial=initial,
+            regularize, task.f0 / unit, task.graph, p=p, lam=held if p == 2 else held * unit ** (2 - p),
+            weights=weights, norm=norm, eps=None if eps is None else eps / unit, solver=solver, max_iter=max_iter,
+            tol=tol, initial=None if initial is None else initial / unit,
         )  # fmt: skip
         result = _in_double(run, options) if initial is not None else run(**options)
         results = (result,)
         # pinned vertices are returned unchanged, bit for bit
-        moved = np.where(np.isinf(task.fidelity)[:, None], task.f0, result.value)
+        moved = np.where(np.isinf(task.fidelity)[:, None], task.f0, result.value * unit)
     together = np.concatenate(curves.points)
     moves, shortened = task.displacements(moved), 0
     if flag("valid", valid):
@@ -142,6 +147,12 @@ def _in_double(run: Callable[..., Result], options: Run) -> Result:
         return run(**{**options, "dtype": np.float64})
     except BackendUnavailable:
         return run(**options)
+
+
+def _unit(f: FloatArray) -> float:
+    """Return 1, or a power of two near the size of `f` if squares of float32 could overflow or vanish."""
+    size = float(np.abs(f).max())
+    return 1.0 if size == 0 or 1e-6 < size < 1e9 else 2.0 ** round(math.log2(size))
 
 
 def _is_array(weights: Any) -> bool:

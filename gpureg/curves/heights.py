@@ -138,25 +138,24 @@ class _Heights:
     def height(self, p: int, pair: tuple[int, int]) -> float:
         """Return the distance of a place from the segment between its neighbours, relative to the diagonal."""
         v, a, b = self.at[p], self.at[pair[0]], self.at[pair[1]]
+        scale = self.scale[p] or 1.0
+        if len(v) == 2:
+            # the common case, without lists
+            x, y, dx, dy = v[0] - a[0], v[1] - a[1], b[0] - a[0], b[1] - a[1]
+            square = dx * dx + dy * dy
+            share = 0.0 if square == 0 else min(1.0, max(0.0, (x * dx + y * dy) / square))
+            return math.sqrt((x - share * dx) ** 2 + (y - share * dy) ** 2) / scale
         base = [t - s for s, t in zip(a, b, strict=True)]
         up = [t - s for s, t in zip(a, v, strict=True)]
         square = sum(s * s for s in base)
         share = 0.0 if square == 0 else min(1.0, max(0.0, sum(s * t for s, t in zip(up, base, strict=True)) / square))
-        return math.sqrt(sum((t - share * s) ** 2 for s, t in zip(base, up, strict=True))) / (self.scale[p] or 1.0)
+        return math.sqrt(sum((t - share * s) ** 2 for s, t in zip(base, up, strict=True))) / scale
 
     def run(self, tolerance: float, count: int | None) -> Kept:
         """Remove vertices up to the tolerance, or down to the number of each curve."""
         version = [0] * len(self.at)
-        heap: list[tuple[float, int, int]] = []
-
-        def push(p: int) -> None:
-            version[p] += 1
-            pair = self.neighbours(p)
-            if pair is not None:
-                heap.append((self.height(p, pair), p, version[p]))
-
-        for p in range(len(self.at)):
-            push(p)
+        beside = [self.neighbours(p) for p in range(len(self.at))]
+        heap = [(self.height(p, pair), p, 0) for p, pair in enumerate(beside) if pair is not None]
         heapq.heapify(heap)
         limit = max(tolerance, _FLAT) if count is None else math.inf
         blocked = _Blocked(self) if self.valid else None
@@ -167,7 +166,7 @@ class _Heights:
                 break
             if number != version[p] or not self.alive[p]:
                 continue
-            pair = self.neighbours(p)
+            pair = beside[p]
             mine = [self.curve[i] for i in self.vertices[p]]
             if pair is None or any(
                 self.left[c] - mine.count(c) < (self.least[c] if count is None else max(count, self.least[c]))
@@ -184,7 +183,7 @@ class _Heights:
             around = [*pair, *(q for q in self.waiting.pop(p, ()) if self.alive[q])]
             for q in dict.fromkeys(around):
                 version[q] += 1
-                new = self.neighbours(q)
+                beside[q] = new = self.neighbours(q)
                 if new is not None:
                     heapq.heappush(heap, (self.height(q, new), q, version[q]))
         kept = np.array(self.alive)[np.array(self.place)]

@@ -40,19 +40,15 @@ def _differences(x: FloatArray, order: int, closed: bool) -> FloatArray:
 
 def running_noise(x: FloatArray, closed: bool) -> FloatArray:
     """Estimate the noise at each vertex, (n,): the least of running medians of differences of the orders 3 and 4."""
-    from scipy.special import gammaincinv
-
-    n, d = x.shape
-    # the median of a sum of d squares of standard normal numbers
-    middle = 2 * float(gammaincinv(d / 2, 0.5))
-    best = np.full(n, math.inf)
+    best = np.full(len(x), math.inf)
     for order in (3, 4):
-        square = (_differences(x, order, closed) ** 2).sum(axis=1) / middle
+        # each coordinate by itself: one without noise, such as a height, must not hide that of the others
+        squares = _differences(x, order, closed) ** 2 / _MEDIAN**2
         if closed:
-            square = np.roll(square, order // 2)
+            squares = np.roll(squares, order // 2, axis=0)
         else:
-            square = np.pad(square, (order // 2, order - order // 2), mode="edge")
-        best = np.minimum(best, running_median(square, closed))
+            squares = np.pad(squares, ((order // 2, order - order // 2), (0, 0)), mode="edge")
+        best = np.minimum(best, np.mean([running_median(square, closed) for square in squares.T], axis=0))
     noise: FloatArray = np.sqrt(best)
     return noise
 
@@ -63,9 +59,9 @@ def noise_along(x: FloatArray, closed: bool) -> FloatArray:
 
     steps = np.abs(np.diff(x, axis=0))
     still = 1e-9 * float(steps.max())
-    middle = _middle_noise(x, closed)
     if _on_pixels(steps, still):
-        return np.full(len(x), middle)
+        return np.full(len(x), _pixel_noise(x, closed))
+    middle = _middle_noise(x, closed)
     noise = running_noise(x, closed)
     low, high = np.quantile(noise, [0.05, 0.95])
     if middle and high < _VARIES * low:
@@ -80,8 +76,14 @@ def noise_along(x: FloatArray, closed: bool) -> FloatArray:
 
 def _middle_noise(x: FloatArray, closed: bool) -> float:
     """Estimate one noise level for a path or ring; 0 if more than half of it is free of noise."""
-    middle = float(np.median(np.abs(_differences(x, 4, closed)))) / _MEDIAN
+    each = np.median(np.abs(_differences(x, 4, closed)), axis=0) / _MEDIAN
+    middle = math.sqrt(float((each**2).mean()))
     return middle if middle > 1e-9 * float(np.abs(np.diff(x, axis=0)).max()) else 0.0
+
+
+def _pixel_noise(x: FloatArray, closed: bool) -> float:
+    """Estimate one noise level for the outline of pixels; 0 if most differences of the fourth order are."""
+    return float(np.median(np.abs(_differences(x, 4, closed)))) / _MEDIAN
 
 
 def is_rounded(x: FloatArray, closed: bool) -> bool:
@@ -90,7 +92,7 @@ def is_rounded(x: FloatArray, closed: bool) -> bool:
         return False
     steps = np.abs(np.diff(x, axis=0))
     still = 1e-9 * float(steps.max())
-    return _on_pixels(steps, still) and _middle_noise(x, closed) > 0
+    return _on_pixels(steps, still) and _pixel_noise(x, closed) > 0
 
 
 def _on_pixels(steps: FloatArray, still: float) -> bool:

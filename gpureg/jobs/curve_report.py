@@ -268,7 +268,7 @@ class CurveReport(ShapeReport):
     def cautions(self) -> list[str]:
         """Return the lines on outliers, gaps, repeated vertices, crossings, and curves that were not treated."""
         lines = [found_line(self.worked.found)] if any(map(_anything, self.worked.found)) else []
-        if (counts := self.worked.crossings) is not None and max(counts):
+        if (counts := self.worked.crossings) is not None and max(counts.before, counts.after):
             option = f", {counts.new} new: --valid prevents them" if counts.new else ""
             what = "curves cross" if counts.between else "a curve crosses itself (others were not counted)"
             lines.append(f"crossing {counts.before} -> {counts.after} places where {what}{option}")
@@ -292,10 +292,10 @@ def _anything(found: Found) -> bool:
 def found_line(found: Sequence[Found]) -> str:
     """Say what was kept from deciding for the rest of the curves."""
     counts = {
-        "outliers, put between their neighbours": sum(len(one.outliers) for one in found),
-        "gaps, not smoothed across": sum(len(one.gaps) for one in found),
-        "repeated vertices, counted once": sum(one.repeats for one in found),
-        "closed curves with ends far apart, treated as open": sum(one.opened for one in found),
+        "outlier(s), put between their neighbours": sum(len(one.outliers) for one in found),
+        "gap(s), not smoothed across": sum(len(one.gaps) for one in found),
+        "repeat(s), counted once": sum(one.repeats for one in found),
+        "closed curve(s) with ends far apart, treated as open": sum(one.opened for one in found),
     }
     return f"found    {'; '.join(f'{count} {what}' for what, count in counts.items() if count)}"
 

@@ -173,7 +173,7 @@ def test_what_was_found_is_told():
     gr.write_curves("track.csv", [CurveInFile(track, False, NONE[:1].repeat(201, 0))])
     told = report("track.csv", "out.csv")["found"]
     assert told == [{"outliers": [61], "gaps": [120], "repeats": 1, "opened": False}]
-    words = "1 outliers, put between their neighbours; 1 gaps, not smoothed across; 1 repeated vertices, counted once"
+    words = "1 outlier(s), put between their neighbours; 1 gap(s), not smoothed across; 1 repeat(s), counted once"
     assert f"found    {words}" in done(run("track.csv", "out.csv"))
     # a line on one point
     features = [{"type": "LineString", "coordinates": c} for c in (SQUARE.tolist(), [[0, 0], [0, 0]])]

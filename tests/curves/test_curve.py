@@ -216,6 +216,7 @@ ENDS = {
     "two vertices": (LINE[:2], False, "few"),
     "there and back": (LINE[[0, 1, 0]], False, "few"),
     "on one point": (np.ones((5, 2)), True, "repeated"),
+    "every vertex thirty times": (np.repeat(ring(40), 30, axis=0), True, "near"),
 }
 
 
