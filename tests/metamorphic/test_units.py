@@ -59,7 +59,8 @@ def test_frame_there_and_back(dtype, offset, size):
 
 
 @pytest.mark.parametrize(
-    "options", [{"lam": 8.0}, {"lam": 6.0, "norm": "edge"}, {}, {"p": 0.7}, {"lam": "sure", "sigma": 0.08, "max_iter": 40}]
+    "options",
+    [{"lam": 8.0}, {"lam": 6.0, "norm": "edge"}, {}, {"p": 0.7}, {"lam": "sure", "sigma": 0.08, "max_iter": 40}],
 )
 def test_a_hot_pixel_changes_nothing_elsewhere(options):
     """Total variation with settings that follow the data: within 3 percent of the error without the hot pixel."""
