@@ -148,5 +148,6 @@ class DenoisePlan:
         if self.tol is not None:
             rows["tol"] = f"{self.tol:g}", self.reasons.get("tol", "given")
         if self.eps is not None or self.p != 2:
-            rows["eps"] = ("1e-3 of the spread, 0 if certified", "rule") if self.eps is None else (f"{self.eps:g}", "given")
+            by_rule = "1e-3 of the spread, 0 if certified", "rule"
+            rows["eps"] = by_rule if self.eps is None else (f"{self.eps:g}", "given")
         return table(rows)

@@ -13,8 +13,8 @@ from subjects import RING, Array, Subject, on_graph, picture
 
 import gpureg as gr
 
-# Doors compute in float32, in units in which the spread of the data is 1 to 2. Measured on all rows: two orders of
-# summation differ by at most 6 roundings of it, 2^-24 each, and iterations multiply that: 40 roundings.
+# Doors compute in float32, in units in which the spread of the data is 1 to 2. Measured over all rows and two inputs:
+# two orders of summation differ by at most 20 roundings of 2^-24; twice as many are allowed.
 ROUNDINGS = 40 * 2.0**-24
 
 
