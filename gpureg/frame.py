@@ -12,7 +12,7 @@ import numpy.typing as npt
 Values = npt.NDArray[Any]
 
 # Samples of a channel from which the spread is found, and those for a frame, where a factor of 2 has no effect.
-_SAMPLES, _FEW = 1 << 16, 1 << 12
+_SAMPLES, _FEW = 1 << 15, 1 << 12
 # Channels with fewer values have no sample that could be left out.
 _TINY = 8
 # An offset of fewer spreads than this costs float32 less than 3 of its 24 bits.
@@ -28,14 +28,18 @@ def spread(values: Values, samples: int = _SAMPLES) -> float:
 
     The spread of a channel is twice the range of its middle 90 percent, which is about the range of noisy data, or half
     the range of its middle 98 percent if that is larger. If both are 0, it is the range of all but fewer values, one at
-    each end at least; if these are constant too, it is the standard deviation. Of more than 2^16 values of a channel,
+    each end at least; if these are constant too, it is the standard deviation. Of more than 2^15 values of a channel,
     as many at equal distances count. The result is rounded to 4 bits, so that it does not change with every sample.
     """
     return _rounded(max((_of_channel(values[:, c], samples) for c in range(values.shape[1])), default=0.0))
 
 
 def limits(values: Values) -> tuple[float, float]:
-    """Return the smallest and largest of the values (n,) without a thousandth, or one, at each end."""
+    """Return the smallest and largest of the values (n,) without a thousandth, or one, at each end.
+
+    Of more than 2^15 values as many at equal distances count.
+    """
+    values = _sampled(values, _SAMPLES)
     n = len(values)
     if n < _TINY:
         return (float(values.min()), float(values.max())) if n else (0.0, 0.0)

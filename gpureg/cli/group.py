@@ -57,6 +57,7 @@ def _warnings_as_lines() -> Iterator[None]:
         click.echo(f"gpureg: {message}", err=True)
 
     with warnings.catch_warnings():
+        warnings.filterwarnings("always", category=UserWarning)
         warnings.showwarning = show
         yield
 
