@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -145,16 +146,19 @@ def _rehearse(settings: MeshSettings) -> None:
     options = settings.model_on(surface, *names)
     if settings.max_iter is not None and settings.max_iter > 1:
         options["max_iter"] = 1
-    if settings.simplifies:
-        simplified(surface, n_vertices=settings.n_vertices, **options)
-        return
-    denoised(
-        surface,
-        values=None if settings.values is None else np.arange(6.0),
-        taubin=settings.taubin,
-        fix_border=settings.fix_border,
-        **options,
-    )
+    with warnings.catch_warnings():
+        # what is said of the octahedron concerns nobody
+        warnings.simplefilter("ignore")
+        if settings.simplifies:
+            simplified(surface, n_vertices=settings.n_vertices, **options)
+            return
+        denoised(
+            surface,
+            values=None if settings.values is None else np.arange(6.0),
+            taubin=settings.taubin,
+            fix_border=settings.fix_border,
+            **options,
+        )
 
 
 def _denoised(

@@ -66,6 +66,9 @@ def _of_trimesh(mesh: Any, told: Told) -> Contents:
     if extra:
         told.lost.append(f"the metadata {', '.join(extra)}")
     normals, normal_of = beside.normals_of(vertices)
+    for name in [name for name in at_vertices if name.lower() in NORMALS and at_vertices[name].shape == (n, 3)]:
+        if normals is None and len(one) == n:
+            normals, normal_of = np.asarray(at_vertices.pop(name), np.float64), None
     materials = beside.materials
     if kind == "texture" and given is None and getattr(visual, "material", None) is not None:
         materials = (visual.material,)

@@ -239,6 +239,9 @@ def _contents(elements: dict[str, _Element], comments: list[str]) -> Contents:
     if face is not None and "texcoord" in face.lists and (face.lists["texcoord"][0] == 2 * sizes).all():
         found.uv = face.lists.pop("texcoord")[1].reshape(-1, 2).astype(np.float64)
         found.uv_of = np.arange(len(found.uv))
+    of_faces = None if face is None else face.take("nx", "ny", "nz")
+    if of_faces is not None:
+        found.of_faces["normals"] = of_faces
     for element, data in ((vertex, found.at_vertices), (face, found.of_faces)):
         if element is None:
             continue

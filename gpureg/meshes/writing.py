@@ -147,6 +147,10 @@ def _ply(found: Contents, dtype: np.dtype[Any], told: Told) -> bytes:
     if colours is not None:
         columns |= dict(zip(CHANNELS, colours.T, strict=False))
     faces = {} if of_faces is None else dict(zip(CHANNELS, of_faces.T, strict=False))
+    normals = found.of_faces.get("normals")
+    if normals is not None and normals.ndim == 2 and normals.shape[1] == 3:
+        del found.of_faces["normals"]
+        faces |= {f"n{axis}": normals[:, k].astype(np.float32) for k, axis in enumerate("xyz")}
     columns |= _numbers(found.at_vertices, "at vertices", told)
     faces |= _numbers(found.of_faces, "of faces", told)
     comments = [line if line.startswith(("comment", "obj_info")) else f"comment {line}" for line in found.comments]

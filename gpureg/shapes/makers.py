@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from .carried import Carried, Split
-from .renewed_normals import renewed_face_normals, renewed_vertex_normals
+from .renewed_normals import renewed_cell_normals, renewed_face_normals, renewed_vertex_normals
 
 # A function that makes a mesh of the input's type from vertices, faces, and, if these are not the input's, where their
 # data come from. It returns the mesh and what it lost, in words.
@@ -123,53 +123,67 @@ def _renew(data: Any, renewed: Any, now: tuple[Any, Any], before: tuple[Any, Any
 
 
 def of_pyvista(mesh: Any) -> Found | None:
-    """Take a pyvista.PolyData of triangles apart."""
-    if not hasattr(mesh, "regular_faces") or not hasattr(mesh, "points"):
+    """Take a pyvista.PolyData apart; polygons are cut into triangles, and stay if no vertex is removed."""
+    if not hasattr(type(mesh), "regular_faces") or not hasattr(mesh, "points"):
         return None
-    if not mesh.is_all_triangles:
-        raise ValueError("the mesh has faces that are not triangles: call its triangulate() first")
+    triangles, cell = _triangles_of_pyvista(mesh)
 
     def make(vertices: FloatArray, faces: IntArray, carried: Carried | None) -> tuple[Any, list[str]]:
         lost: list[str] = []
         if carried is None:
-            made = mesh.copy()
+            made, new_cell = mesh.copy(), cell
             made.points = vertices
             now = vertices, faces
         else:
-            made, now = _pyvista_with_less(mesh, carried, lost)
-        before = np.asarray(mesh.points, float), np.asarray(mesh.regular_faces)
-        names = mesh.point_data.active_normals_name, mesh.cell_data.active_normals_name
-        _renew(made.point_data, renewed_vertex_normals, now, before, mesh.point_data)
-        if len(mesh.regular_faces) == mesh.n_cells:
-            _renew(made.cell_data, renewed_face_normals, now, before, mesh.cell_data)
-        for data, old, name, renewed in (
-            (made.point_data, mesh.point_data, names[0], renewed_vertex_normals),
-            (made.cell_data, mesh.cell_data, names[1], renewed_face_normals),
-        ):
-            if name is not None and str(name).lower() not in NORMALS and len(mesh.regular_faces) == mesh.n_cells:
-                data[name] = renewed(*now, *before, np.asarray(old[name]))
-            if name is not None:
-                data.active_normals_name = name
+            made, now = _pyvista_with_less(mesh, carried, cell, lost)
+            new_cell = np.arange(len(carried.origin))
+        before = np.asarray(mesh.points, float), triangles
+        for old, new, of_cells in ((mesh.point_data, made.point_data, False), (mesh.cell_data, made.cell_data, True)):
+            active = old.active_normals_name
+            for name in [name for name in old if name == active or str(name).lower() in NORMALS]:
+                values = np.asarray(old[name])
+                if of_cells:
+                    new[name] = renewed_cell_normals(now, before, values[cell], new_cell, np.array(new[name]))
+                else:
+                    new[name] = renewed_vertex_normals(*now, *before, values)
+            if active is not None:
+                new.active_normals_name = active
         return made, lost
 
-    return mesh.points, mesh.regular_faces, make
+    return mesh.points, triangles, make
 
 
-def _pyvista_with_less(mesh: Any, carried: Carried, lost: list[str]) -> tuple[Any, tuple[FloatArray, IntArray]]:
+def _triangles_of_pyvista(mesh: Any) -> tuple[IntArray, IntArray]:
+    """Return the triangles (F, 3) of a mesh, and the cell that each is a part of, (F,)."""
+    if mesh.is_all_triangles:
+        triangles = np.asarray(mesh.regular_faces)
+        # they are the last cells, after lines and single vertices
+        return triangles, np.arange(mesh.n_cells - len(triangles), mesh.n_cells)
+    tagged = mesh.copy(deep=False)
+    tagged.cell_data["_cell"] = np.arange(mesh.n_cells)
+    cut = tagged.triangulate()
+    triangles = np.asarray(cut.regular_faces)
+    return triangles, np.asarray(cut.cell_data["_cell"])[cut.n_cells - len(triangles) :]
+
+
+def _pyvista_with_less(
+    mesh: Any, carried: Carried, cell: IntArray, lost: list[str]
+) -> tuple[Any, tuple[FloatArray, IntArray]]:
     points = {name: np.asarray(mesh.point_data[name]) for name in mesh.point_data}
     normals = {name for name in points if name.lower() in NORMALS} | {mesh.point_data.active_normals_name}
     split = carried.split([x for name, x in points.items() if name not in normals])
     made = type(mesh).from_regular_faces(split.vertices, split.faces)
     for name, values in points.items():
         made.point_data[name] = split.of_vertices(values)
-    # the triangles are the last cells
-    other = mesh.n_cells - len(carried.corners)
     for name in mesh.cell_data:
-        made.cell_data[name] = carried.of_faces(np.asarray(mesh.cell_data[name])[other:])
+        made.cell_data[name] = np.asarray(mesh.cell_data[name])[cell[carried.origin]]
     for name in mesh.field_data:
         made.field_data[name] = mesh.field_data[name]
-    if other:
-        lost.append(f"{other} lines and vertex cells")
+    known, count = np.unique(cell, return_counts=True)
+    if len(known) < mesh.n_cells:
+        lost.append(f"{mesh.n_cells - len(known)} lines and vertex cells")
+    if (count > 1).any():
+        lost.append(f"{(count > 1).sum()} polygons of more than three corners, which are triangles now")
     for of, data in ((mesh.point_data, made.point_data), (mesh.cell_data, made.cell_data)):
         data.active_scalars_name = of.active_scalars_name
     if mesh.point_data.active_texture_coordinates_name is not None:

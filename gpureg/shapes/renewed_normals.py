@@ -68,3 +68,34 @@ def renewed_face_normals(
 
     found: npt.NDArray[np.floating] = (side_of(old, of(before, before_faces)) * of(vertices, faces)).astype(old.dtype)
     return found
+
+
+def renewed_cell_normals(
+    now: tuple[FloatArray, IntArray],
+    before: tuple[FloatArray, IntArray],
+    old: npt.NDArray[np.floating],
+    cell: IntArray,
+    values: npt.NDArray[np.floating],
+) -> npt.NDArray[np.floating]:
+    """Compute unit normals of cells (c, 3) that are cut into triangles.
+
+    Parameters
+    ----------
+    now, before : vertices (n, 3) and triangles (F, 3), or (G, 3) before
+    old : (G, 3) float array
+        The old normal of the cell of each triangle.
+    cell : (F,) int array
+        The cell of each triangle now.
+    values : (c, 3) float array
+        Changed in place, where a cell has triangles, and returned.
+    """
+
+    def areas(v: FloatArray, f: IntArray) -> FloatArray:
+        found: FloatArray = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
+        return found
+
+    columns = [np.bincount(cell, weights=x, minlength=len(values)) for x in areas(*now).T]
+    sums: FloatArray = np.stack(columns, axis=1).astype(np.float64)
+    rows = np.unique(cell)
+    values[rows] = side_of(old, unit(areas(*before))) * unit(sums)[rows]
+    return values

@@ -84,7 +84,7 @@ def test_quads_materials_and_normals_stay():
     assert (beside.normals[:, 2] < 0.99999).sum() == 8
     assert any("4 polygons are cut" in note for note in notes("in.obj", "out.stl", "--lam", 1))
     Path("folder").mkdir()
-    assert notes("in.obj", "folder/out.obj") == ["OUT needs a.mtl beside it: copy what lies beside IN"]
+    assert notes("in.obj", "folder/out.obj", "--lam", 1) == ["OUT needs a.mtl beside it: copy what lies beside IN"]
 
 
 def test_simplified_files_name_what_is_gone():
@@ -144,4 +144,6 @@ def test_a_failure_keeps_the_old_file():
 
 def test_vertices_that_are_not_finite_and_not_used():
     Path("in.obj").write_text(QUADS.replace("vn 0 0 1", "v nan 0 0\nvn 0 0 1"))
-    assert notes("in.obj", "out.obj") == ["1 vertices are not finite; they belong to no face, and are left out"]
+    assert notes("in.obj", "out.obj", "--lam", 1) == [
+        "1 vertices are not finite; they belong to no face, and are left out"
+    ]

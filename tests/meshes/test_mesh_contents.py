@@ -18,6 +18,7 @@ from gpureg.meshes.beside import KEY
 from gpureg.meshes.polygons import triangulated
 from gpureg.meshes.reading import read_mesh
 from gpureg.meshes.writing import write_mesh
+from gpureg.shapes.surface import surface_of
 
 N = 7
 RNG = np.random.default_rng(4)
@@ -141,6 +142,20 @@ def test_normals_of_a_ply(tmp_path):
     least = gr.simplify_mesh(given, n_vertices=40, backend="numpy").metadata[KEY]
     at = least.normals[least.normal_of].reshape(-1, 3, 3)
     assert (at.mean(axis=1) * least.vertices[least.corners.reshape(-1, 3)].mean(axis=1)).sum(axis=1).max() < -0.5
+
+
+def test_normals_of_the_faces_of_a_ply(tmp_path):
+    text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    text += "element face 1\nproperty list uchar int vertex_indices\n"
+    text += "".join(f"property float n{axis}\n" for axis in "xyz") + "end_header\n"
+    (tmp_path / "a.ply").write_text(text + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 0 0 -1\n")
+    given = read_mesh(tmp_path / "a.ply").mesh
+    assert given.face_attributes["normals"].tolist() == [[0, 0, -1]] * 2
+    turned = surface_of(given).like(given.vertices[:, [2, 0, 1]])
+    write_mesh(tmp_path / "b.ply", turned)
+    again = read_mesh(tmp_path / "b.ply").mesh
+    assert again.face_attributes["normals"].tolist() == [[-1, 0, 0]] * 2
+    assert again.metadata[KEY].sizes.tolist() == [4]
 
 
 def mixed_ply(order: str = "<") -> bytes:

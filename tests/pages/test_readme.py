@@ -127,7 +127,7 @@ def test_console_examples_name_options_that_exist() -> None:
         for option in set(re.findall(r"--[a-z-]+", call)) - known.get(call.split()[0], {"--help"})
     ]
     assert unknown == []
-    expected = {"denoise": 6, "simplify": 2, "mesh": 2, "curve": 2, "points": 2, "figures": 2}
+    expected = {"denoise": 6, "simplify": 2, "mesh": 3, "curve": 2, "points": 2, "figures": 2}
     assert Counter(call.split()[0] for call in console_calls(COMMAND_LINE)) == expected
     assert Counter(call.split()[0] for call in console_calls(README)) == {**dict.fromkeys(expected, 1), "denoise": 2}
 

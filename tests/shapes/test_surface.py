@@ -94,11 +94,21 @@ def test_normals_of_open3d_are_those_of_the_new_surface():
     assert np.abs(found - np.asarray(noisy.vertex_normals)).max() > 0.01
 
 
-def test_faces_of_pyvista_must_be_triangles():
+def test_polygons_of_pyvista_stay_if_no_vertex_is_removed():
     pv = pytest.importorskip("pyvista", reason="pyvista is not installed")
-    quads = pv.PolyData(np.zeros((4, 3)), faces=[4, 0, 1, 2, 3])
-    with pytest.raises(ValueError, match="triangulate"):
-        surface_of(quads)
+    sheet = pv.Plane(i_resolution=8, j_resolution=8)
+    sheet.points[:, 2] += RNG.normal(0, 0.01, sheet.n_points)
+    sheet = sheet.compute_normals(split_vertices=False, consistent_normals=False)
+    sheet.cell_data["part"] = np.arange(64)
+    smooth = gr.denoise_mesh(sheet, filter="positions", lam=1, backend="numpy")
+    assert np.array_equal(smooth.faces, sheet.faces) and np.array_equal(smooth.cell_data["part"], np.arange(64))
+    quads = smooth.regular_faces
+    across = np.cross(*(smooth.points[quads[:, k]] - smooth.points[quads[:, k - 2]] for k in (2, 3)))
+    expected = across / np.linalg.norm(across, axis=1, keepdims=True)
+    assert np.abs(np.asarray(smooth.cell_data["Normals"]) - expected).max() < 1e-5
+    with pytest.warns(UserWarning, match="64 polygons of more than three corners, which are triangles now"):
+        simple = gr.simplify_mesh(sheet, n_vertices=30, backend="numpy")
+    assert set(np.asarray(simple.cell_data["part"]).tolist()) <= set(range(64))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
