@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, overload
 
 P = ParamSpec("P")
@@ -20,6 +23,8 @@ T = TypeVar("T")
 
 # Name of the public function that the user called, while it runs.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
+
+_PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 # Marks an error that a function of the caller raised.
 _THEIRS = "_raised_by_a_function_of_the_caller"
@@ -174,3 +179,11 @@ def calling_back() -> Iterator[None]:
         raise
     finally:
         _called.reset(token)
+
+
+def outside() -> int:
+    """Return the `stacklevel` of the first caller outside gpureg, for a warning in the calling function."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    return level

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +11,10 @@ import numpy.typing as npt
 
 from ..arrays import all_finite, unmasked
 from ..checks import integer
+from ..doors import outside
 
 # The last axis looks like channels if the two axes before it are at least this many times as long.
 FAR = 8
-
-_PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +96,7 @@ class Raster:
                 f"the image of shape {array.shape} is taken for a volume: channel_axis=-1 makes its last axis one of "
                 "channels",
                 UserWarning,
-                stacklevel=_outside(),
+                stacklevel=outside(),
             )
         return raster
 
@@ -174,11 +170,3 @@ class Raster:
 def _looks_coloured(shape: tuple[int, ...]) -> bool:
     """Return whether the last axis looks like channels."""
     return len(shape) > 2 and shape[-1] in (3, 4) and min(shape[-3:-1]) >= FAR * shape[-1]
-
-
-def _outside() -> int:
-    """Return the `stacklevel` of the first caller outside gpureg, for a warning in the calling function."""
-    level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
-        level, frame = level + 1, frame.f_back
-    return level

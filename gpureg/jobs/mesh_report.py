@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import metrics
-from ..meshes.filters import MeshDenoising
+from ..meshes.report import MeshDenoising
 from ..meshes.simplify import MeshSimplification
 from ..shapes.surface import Surface
 from .report import Change, Displacement, ShapeReport, noise_line, number

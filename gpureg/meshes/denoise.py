@@ -12,12 +12,14 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, checked_flags, checked_values
 from ..checks import choice, flag
 from ..doors import door, part_of
+from ..graphs.components import Components
 from ..graphs.of_shapes import mesh_graph
 from ..regularization.denoised import check_numbers, checked_fidelity, limited
 from ..regularization.options import MODEL, Model
-from ..shapes.surface import border_vertices, surface_of
+from ..shapes.surface import border_vertices, proper_faces, surface_of
 from ..weights import Weights, cotangent
-from .filters import FILTERS, Filter, MeshDenoising, Task
+from .filters import FILTERS, Filter, Task
+from .report import MeshDenoising
 
 
 def denoised(
@@ -52,43 +54,52 @@ def denoised(
     n = len(surface.vertices)
     whole, which = surface.welded()
     k = len(whole.vertices)
+    # triangles without an area join nothing and have no normal
+    faces_used = whole.faces[proper_faces(whole.vertices, whole.faces)]
     pinned = np.zeros(k, bool)
     if fixed is not None:
         pinned[which[checked_flags("fixed", fixed, n)]] = True
     if flag("fix_border", fix_border):
-        pinned |= border_vertices(whole.faces, k)
+        pinned |= border_vertices(faces_used, k)
     fidelity = None if lam is None else checked_fidelity(lam, n)
     if isinstance(fidelity, np.ndarray) and k < n:
         fidelity = _means(fidelity[:, None], which, k)[:, 0]
     pinned |= np.isinf(0.0 if fidelity is None else fidelity)
+    graph = mesh_graph(whole.vertices, faces_used)
+    parts = Components.of(graph)
     # float32 has too few digits for details far from the origin
-    positions = whole.vertices - whole.vertices.mean(axis=0)
+    positions = parts.centred(whole.vertices)
     given = None if values is None else checked_values(values, n)
     task = Task(
         surface,
-        whole.faces,
-        mesh_graph(positions, whole.faces),
+        faces_used,
+        replace(graph, positions=positions),
+        parts,
         positions if given is None else _means(given, which, k),
         pinned,
         fidelity,
         sigma,
         p,
-        cotangent(whole.faces) if isinstance(weights, str) else weights,
+        cotangent(faces_used) if isinstance(weights, str) else weights,
         max_iter,
         options,
     )
     found = task.values() if values is not None else task.taubin() if taubin else task.filtered(filter)
     # vertices that are pinned or without neighbours are returned unchanged, bit for bit
-    still = pinned | (np.diff(task.graph.indptr) == 0)
-    moves = np.where(still[:, None], 0.0, found.value - task.f0)
+    alone = np.diff(task.graph.indptr) == 0
+    moves = np.where((pinned | alone)[:, None], 0.0, found.value - task.f0)
+    left = int((~(pinned | alone) & ~moves.any(axis=1))[which].sum())
     value: npt.NDArray[Any]
     if given is not None and values is not None:
         value = (given + moves[which]).astype(given.dtype).reshape(np.shape(values))
         distance: FloatArray = np.zeros(n)
     else:
         moves, far = limited(moves, max_displacement)
-        value, distance = (whole.vertices + moves)[which], far[which]
-    return replace(found, value=value, displacement=distance, seconds=time.perf_counter() - begin)
+        value, distance = surface.vertices + moves[which], far[which]
+    noise = found.noise[which] if found.noise.size else found.noise
+    return replace(
+        found, value=value, displacement=distance, noise=noise, left=left, seconds=time.perf_counter() - begin
+    )
 
 
 @door(options=MODEL)
