@@ -17,7 +17,7 @@ from ..graphs.csr import Graph
 from ..graphs.of_shapes import adjacent_faces
 from ..model.result import Result
 from ..noise.fidelity import fidelities_to_values, fidelity_to_normals
-from ..noise.local import impulses, local_noise, ranges
+from ..noise.local import local_noise, ranges, settled, without_impulses
 from ..progress import progress_bar
 from ..regularization.options import MODEL, RUN, Model, Run
 from ..regularization.regularize import regularize
@@ -174,22 +174,22 @@ class Task:
         labels, n = self.parts.labels, len(self.f0)
         noise = np.full(n, math.nan if self.sigma is None else self.sigma)
         unknown = self.used & (self.parts.sizes() < TELLING) & (self.sigma is None)
+        far = np.zeros(n, bool)
         if self.sigma is None:
             told = (self.used & ~unknown)[labels]
-            noise[told] = local_noise(self.f0, self.graph)[told]
-        lam, spikes = self.lam, 0
+            smooth, far = without_impulses(self.f0, self.graph, self.parts)
+            noise[told] = settled(local_noise(smooth, self.graph), self.parts)[told]
+            far &= told
+        lam = self.lam
         if lam is None:
             degree = self.parts.means(np.diff(self.graph.indptr).astype(np.float64))[labels]
             lam = fidelities_to_values(degree, noise, p, self.f0.shape[1])
-            if self.sigma is None:
-                far = impulses(self.f0, self.graph, self.parts, noise)
-                spikes = int(far.sum())
-                lam[far] = 0.0
+            lam[far] = 0.0
             warn_unknown(unknown[self.used], LEFT)
         found = self._regularized("values", p, _alike(lam))
         known = noise[~np.isnan(noise)]
         sigma = float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-        return replace(found, sigma=sigma, noise=noise, spikes=spikes, unknown=int(unknown.sum()))
+        return replace(found, sigma=sigma, noise=noise, spikes=int(far.sum()), unknown=int(unknown.sum()))
 
     def _found(self, value: FloatArray, filter: str, results: Iterable[Result], **more: Any) -> MeshDenoising:
         sigma, measured = self.sigma, "noise" in self.__dict__
@@ -301,6 +301,6 @@ class Task:
         return self._found(self.f0 + (f - self.positions), "Taubin", results, p=2.0, lam=0.0)
 
 
-def _alike(lam: FloatArray) -> float | FloatArray:
+def _alike(lam: float | FloatArray) -> float | FloatArray:
     """Return one number in the place of equal ones."""
-    return float(lam[0]) if lam.size and (lam == lam[0]).all() else lam
+    return float(lam[0]) if isinstance(lam, np.ndarray) and (lam == lam[0]).all() else lam

@@ -16,7 +16,7 @@ from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import face_edges, mesh_graph
 from ..noise.graphs import MEDIAN, averaging
-from ..noise.local import ring_medians, row_medians, spread, twice_growth
+from ..noise.local import ring_medians, row_medians, settled, spread, twice_growth
 from ..shapes.surface import proper_faces, surface_of, vertex_normals
 
 Per = Literal["mesh", "component", "vertex"]
@@ -29,7 +29,7 @@ LEFT = "nothing moves there; give sigma or lam to denoise it"
 
 # The noise of a component is the root mean square over its vertices, without the largest tenth; this factor makes it
 # right for white noise of 0.05 to 0.4 edges on spheres, tori, cubes and scans.
-_LARGEST, _FACTOR = 0.9, 1.05
+_LARGEST, _FACTOR = 0.9, 1.07
 
 # Averages over neighbours that smooth the map of the noise.
 _SMOOTH = 10
@@ -100,6 +100,7 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     # the map has the level of the components, whose largest values are shape
     level = np.sqrt(parts.means(local**2))
     local *= np.divide(of_parts, level, out=np.ones_like(level), where=level > 0)[parts.labels]
+    local = settled(local, parts)
     return MeshNoise(np.where(told, local, np.nan), np.where(unknown, np.nan, of_parts), told & spikes)
 
 

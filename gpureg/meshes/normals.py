@@ -121,29 +121,49 @@ def fitted_vertices(
     and fitted again.
     """
     gather = incidence(faces, len(vertices))
+    scatter = gather.T.tocsr()
     b = np.ones(len(faces)) if weights is None else weights
     total = gather @ b
     step = moves / np.where(total > 0, total, 1)
     weighted = normals * b[:, None]
     # sum_f b_f n_f n_f^T, the same in all steps
     outer = np.asarray(gather @ (weighted[:, :, None] * normals[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
-    v = vertices.copy()
-
-    def fit(step: FloatArray, steps: int) -> None:
-        for _ in range(steps):
-            planes = (normals * (v[faces[:, 0]] + v[faces[:, 1]] + v[faces[:, 2]])).sum(axis=1) / 3
-            v[:] += step[:, None] * (gather @ (weighted * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
-
-    fit(step, steps)
+    v = _fitted(vertices, normals, weighted, gather, scatter, step, outer, steps)
     half = moves / np.maximum(gather.sum(axis=1), 1) / 2
     for _ in range(_UNFOLD):
         folded = (face_normals(v, faces) * normals).sum(axis=1) < 0
         if not folded.any():
             break
-        there = np.zeros(len(v), bool)
-        there[faces[folded]] = True
+        there = np.unique(faces[folded])
+        some = gather[there]
         # each neighbour of an inner vertex belongs to two of its faces
-        to_mean = (gather @ v[faces].sum(axis=1)) * half[:, None] - 1.5 * v * np.asarray(moves)[:, None]
-        v[there] += 0.5 * to_mean[there]
-        fit(np.where(there, step, 0.0), _REFIT)
+        to_mean = (some @ (scatter @ v)) * half[there, None] - 1.5 * v[there] * np.asarray(moves)[there, None]
+        v[there] += 0.5 * to_mean
+        # only the faces around them are needed, and all corners of these
+        near = np.unique(some.indices)
+        corners = np.unique(faces[near])
+        inner = gather[corners][:, near]
+        at = np.searchsorted(corners, there)
+        own = np.zeros(len(corners))
+        own[at] = step[there]
+        part = normals[near], weighted[near], inner, scatter[near][:, corners]
+        v[corners] = _fitted(v[corners], *part, own, outer[corners], _REFIT)
+    return v
+
+
+def _fitted(
+    vertices: FloatArray,
+    normals: FloatArray,
+    weighted: FloatArray,
+    gather: Any,
+    scatter: Any,
+    step: FloatArray,
+    outer: FloatArray,
+    steps: int,
+) -> FloatArray:
+    """Do steps of :func:`fitted_vertices` on vertices (n, 3), with its tables for them and their faces."""
+    v = vertices
+    for _ in range(steps):
+        planes = np.einsum("fi,fi->f", normals, scatter @ v) / 3
+        v = v + step[:, None] * (gather @ (weighted * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
     return v

@@ -2,37 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
-from ..graphs.components import Components, sorted_medians
+from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from .graphs import MEDIAN, averaging
 
 # Averages over neighbours that smooth a map of the noise; after k of them it reaches about sqrt(k) edges.
-_SMOOTH = 10
+_SMOOTH = 6
+
+# The variance of the median of d values is about this number over d times that of one, for d from 3 to 8.
+_MEDIAN_OF = 1.3
 
 # A value is an impulse if it is beyond all neighbours but one by more than this number of standard deviations of the
 # noise there, and than this share of the range of the values.
 _FAR, _SHARE = 5.0, 0.1
 
+# Passes in which impulses are found, each with fewer of them among the neighbours.
+_PASSES = 3
+
+# Noise of one strength: the 90 percent quantile of a map of it is at most this number of times the 10 percent quantile.
+_EVEN = 2.0
+
+
+def rows_by_length(indptr: npt.NDArray[np.integer]) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the rows of a CSR structure with k > 0 entries, (r,), and where these are, (r, k), for each k there is."""
+    number = np.diff(indptr)
+    for k in np.unique(number[number > 0]):
+        rows = np.flatnonzero(number == k)
+        yield rows, indptr[rows][:, None] + np.arange(k)
+
+
+def middles(values: FloatArray) -> FloatArray:
+    """Return the medians of the rows of values (r, k), which are sorted, (r,)."""
+    k = values.shape[1]
+    medians: FloatArray = (values[:, (k - 1) // 2] + values[:, k // 2]) / 2
+    return medians
+
 
 def row_medians(indptr: npt.NDArray[np.integer], values: FloatArray) -> FloatArray:
     """Return the median of the values of each row of a CSR structure, (n,); NaN for an empty row."""
-    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    return sorted_medians(values[np.lexsort((values, rows))], indptr)
+    medians = np.full(len(indptr) - 1, np.nan)
+    for rows, at in rows_by_length(indptr):
+        medians[rows] = middles(np.sort(values[at], axis=1))
+    return medians
 
 
 def ring_medians(graph: Graph, values: FloatArray) -> FloatArray:
     """Return the median of values (n,) over each vertex and its neighbours, (n,)."""
-    n = graph.n_vertices
-    rows = np.concatenate([graph.edge_rows(), np.arange(n)])
-    around = np.concatenate([values[graph.indices], values])
-    indptr = graph.indptr + np.arange(n + 1)
-    return sorted_medians(around[np.lexsort((around, rows))], indptr)
+    medians = values.copy()
+    for rows, at in rows_by_length(graph.indptr):
+        around = np.concatenate([values[graph.indices[at]], values[rows, None]], axis=1)
+        around.sort(axis=1)
+        medians[rows] = middles(around)
+    return medians
 
 
 def spread(graph: Graph, values: FloatArray, times: int, M: Any = None) -> FloatArray:
@@ -50,30 +78,38 @@ def spread(graph: Graph, values: FloatArray, times: int, M: Any = None) -> Float
     return x
 
 
-def map_of(graph: Graph, size: FloatArray, M: Any = None) -> FloatArray:
-    """Compute a map of the standard deviation (n,) from the absolute values (n,) of samples of normal noise.
+def neighbour_medians(f: FloatArray, graph: Graph) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the median of a function (n,) over the neighbours of each vertex, and their second extremes, (n,) each.
 
-    It is the median of medians over neighbours, and smooth: noise in a part of the graph is found in this part, and a
-    few far values do not count.
+    The last two are the second smallest and the second largest value of the neighbours; a vertex with fewer than two
+    neighbours gets its own value.
     """
-    medians = ring_medians(graph, ring_medians(graph, size)) / MEDIAN
-    smooth: FloatArray = np.sqrt(spread(graph, medians**2, _SMOOTH, M))
-    return smooth
+    median, low, high = f.copy(), f.copy(), f.copy()
+    for rows, at in rows_by_length(graph.indptr):
+        if at.shape[1] > 1:
+            around = np.sort(f[graph.indices[at]], axis=1)
+            median[rows], low[rows], high[rows] = middles(around), around[:, 1], around[:, -2]
+    return median, low, high
 
 
 def local_noise(f: FloatArray, graph: Graph) -> FloatArray:
     """Estimate the standard deviation of white noise at each vertex, (n,), of a function (n, m) smooth on the graph.
 
-    Channels are taken together: the noise of one is the root mean square over all.
+    Two samples of the noise are compared: (I - M)^2 f with the mean M over neighbours, which is 0 for smooth functions,
+    and the distance from the median of the neighbours, which is 0 also at steps. Each is divided by its value for white
+    noise; the smaller median around a vertex counts, so that noise in a part of the graph is found in this part. The
+    noise of several channels is their root mean square.
     """
     M = averaging(graph)
-    growth = twice_growth(graph, M)
-    found = np.zeros(graph.n_vertices)
-    once = f - M @ f
-    twice = np.abs(once - M @ once) / growth[:, None]
-    for size in twice.T:
-        found += map_of(graph, size, M) ** 2
-    sigma: FloatArray = np.sqrt(found / f.shape[1])
+    growth, degree = twice_growth(graph, M), np.maximum(np.diff(graph.indptr), 1)
+    squares = np.zeros(graph.n_vertices)
+    for x in f.T:
+        once = x - M @ x
+        smooth = np.abs(once - M @ once) / growth
+        steps = np.abs(x - neighbour_medians(x, graph)[0]) / np.sqrt(1 + _MEDIAN_OF / degree)
+        medians = [ring_medians(graph, ring_medians(graph, size)) for size in (smooth, steps)]
+        squares += (np.minimum(*medians) / MEDIAN) ** 2
+    sigma: FloatArray = np.sqrt(spread(graph, squares / f.shape[1], _SMOOTH, M))
     return sigma
 
 
@@ -86,26 +122,43 @@ def twice_growth(graph: Graph, M: Any) -> FloatArray:
     return np.where(np.diff(graph.indptr) > 0, growth, np.inf)
 
 
-def impulses(
-    f: FloatArray, graph: Graph, parts: Components, sigma: FloatArray
-) -> npt.NDArray[np.bool_]:
-    """Find vertices whose value (n, m) is far beyond those of their neighbours, (n,) bool; `sigma`, (n,), is the noise.
+def without_impulses(f: FloatArray, graph: Graph, parts: Components) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Find vertices whose value (n, m) is far beyond those of their neighbours.
 
-    Far is more than five standard deviations beyond all neighbours but one, and more than a tenth of the range of the
-    values of the component without their outer hundredths. A vertex with fewer than three neighbours is none.
+    Far is more than five standard deviations of the noise around beyond all neighbours but one, and more than a tenth of
+    the range of the values of the component without their outer hundredths. A vertex with fewer than three neighbours is
+    none. In a mesh the noise is the usual distance from the median of the neighbours.
+
+    Returns
+    -------
+    values : (n, m) float array
+        The values, with impulses at the median of their neighbours.
+    impulses : (n,) bool array
     """
-    rows = graph.edge_rows()
     found = np.zeros(graph.n_vertices, bool)
-    judged = np.flatnonzero(np.diff(graph.indptr) >= 3)
-    for x in f.T:
-        around = x[graph.indices]
-        around = around[np.lexsort((around, rows))]
-        beyond = np.maximum(
-            x[judged] - around[graph.indptr[judged + 1] - 2], around[graph.indptr[judged] + 1] - x[judged]
-        )
-        far = np.maximum(_FAR * sigma, _SHARE * ranges(x, parts)[parts.labels])
-        found[judged] |= beyond > far[judged]
-    return found
+    several = np.diff(graph.indptr) >= 3
+    repaired = f.copy()
+    for x, y in zip(f.T, repaired.T, strict=True):
+        least = _SHARE * ranges(x, parts)[parts.labels]
+        for _ in range(_PASSES):
+            median, low, high = neighbour_medians(y, graph)
+            usual = ring_medians(graph, ring_medians(graph, np.abs(y - median))) / MEDIAN
+            far = several & (np.maximum(x - high, low - x) > np.maximum(_FAR * usual, least))
+            y[:] = np.where(far, median, x)
+        found |= far
+    return np.where(found[:, None], repaired, f), found
+
+
+def settled(sigma: FloatArray, parts: Components) -> FloatArray:
+    """Replace a map of the noise (n,) by its median in each component where it varies little; NaN stays.
+
+    Little is a 90 percent quantile of at most twice the 10 percent quantile: less than half of it is chance, but one
+    number for a component with noise of one strength is more exact.
+    """
+    filled = np.nan_to_num(sigma)
+    low, high = parts.quantiles(filled, 0.1), parts.quantiles(filled, 0.9)
+    even = (high <= _EVEN * low)[parts.labels]
+    return np.where(even & ~np.isnan(sigma), parts.medians(filled)[parts.labels], sigma)
 
 
 def ranges(x: FloatArray, parts: Components) -> FloatArray:
