@@ -16,7 +16,7 @@ from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import face_edges, mesh_graph
 from ..noise.graphs import MEDIAN, averaging
-from ..noise.local import ring_medians, row_medians, settled, spread, twice_growth
+from ..noise.local import ring_medians, row_medians, row_noise, settled, spread, twice_growth
 from ..shapes.surface import proper_faces, surface_of, vertex_normals
 
 Per = Literal["mesh", "component", "vertex"]
@@ -29,14 +29,14 @@ LEFT = "nothing moves there; give sigma or lam to denoise it"
 
 # The noise of a component is the root mean square over its vertices, without the largest tenth; this factor makes it
 # right for white noise of 0.05 to 0.4 edges on spheres, tori, cubes and scans.
-_LARGEST, _FACTOR = 0.9, 1.07
+_LARGEST, _FACTOR = 0.9, 1.2
 
 # Averages over neighbours that smooth the map of the noise.
 _SMOOTH = 10
 
 # The plane of two faces at an edge is their own if the cosine of their angle is above the first, or the height of one
 # over its longest edge below the second; otherwise, where noise may tilt it, the one along the normals of the vertices.
-_LEVEL, _THIN = 0.9, 0.2
+_LEVEL, _THIN = 0.98, 0.2
 
 # A spike is further from the mean of its neighbours than this share of the edges around, and this number of times the
 # usual distance around.
@@ -87,9 +87,8 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     ends = four[:, :2].ravel()
     order = np.argsort(ends, kind="stable")
     indptr = np.searchsorted(ends[order], np.arange(n + 1))
-    bent = row_medians(indptr, np.repeat(plane_offsets(v, four, normals), 2)[order])
-    bent = np.where(np.isnan(bent), np.inf, bent)
-    smaller = np.minimum(ring_medians(graph, ring_medians(graph, curved)), ring_medians(graph, bent)) / MEDIAN
+    bent = row_noise(indptr, np.repeat(plane_offsets(v, four, normals), 2)[order])
+    smaller = np.minimum(ring_medians(graph, ring_medians(graph, curved)) / MEDIAN, ring_medians(graph, bent))
     pairs = np.bincount(parts.labels[four[:, 0]], minlength=parts.count)
     told = (np.minimum(pairs, parts.sizes()) >= TELLING)[parts.labels]
     smaller = np.where(told & np.isfinite(smaller), smaller, 0.0)
