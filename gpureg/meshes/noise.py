@@ -39,8 +39,8 @@ _SMOOTH = 10
 _LEVEL, _THIN = 0.98, 0.2
 
 # A spike is further from the mean of its neighbours than this share of the edges around, and this number of times the
-# usual distance around.
-_SPIKE, _TIMES = 0.8, 4.0
+# usual distance around; out of the planes of its faces it is by this share of the edges at least.
+_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.3
 # Passes in which spikes are found, each with fewer of them among the neighbours.
 _PASSES = 4
 
@@ -79,16 +79,23 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     """
     n = len(v)
     M = averaging(graph)
-    v, spikes = without_spikes(v, graph, M)
-    normals = vertex_normals(v, faces)
-    heights = ((v - M @ v) * normals).sum(axis=1)
-    curved = np.abs(heights - M @ heights) / twice_growth(graph, M)
     four = hinges(faces)
     ends = four[:, :2].ravel()
     order = np.argsort(ends, kind="stable")
     indptr = np.searchsorted(ends[order], np.arange(n + 1))
-    bent = row_noise(indptr, np.repeat(plane_offsets(v, four, normals), 2)[order])
-    smaller = np.minimum(ring_medians(graph, ring_medians(graph, curved)) / MEDIAN, ring_medians(graph, bent))
+
+    def bent(v: FloatArray, normals: FloatArray) -> FloatArray:
+        return row_noise(indptr, np.repeat(plane_offsets(v, four, normals), 2)[order])
+
+    normals = vertex_normals(v, faces)
+    plane = bent(v, normals)
+    v, spikes = without_spikes(v, graph, M, plane)
+    if spikes.any():
+        normals = vertex_normals(v, faces)
+        plane = bent(v, normals)
+    heights = ((v - M @ v) * normals).sum(axis=1)
+    curved = np.abs(heights - M @ heights) / twice_growth(graph, M)
+    smaller = np.minimum(ring_medians(graph, ring_medians(graph, curved)) / MEDIAN, ring_medians(graph, ring_medians(graph, plane)))
     pairs = np.bincount(parts.labels[four[:, 0]], minlength=parts.count)
     told = (np.minimum(pairs, parts.sizes()) >= TELLING)[parts.labels]
     smaller = np.where(told & np.isfinite(smaller), smaller, 0.0)
@@ -140,8 +147,12 @@ def plane_offsets(v: FloatArray, four: IntArray, normals: FloatArray) -> FloatAr
     return np.divide(volume, size, out=np.zeros_like(volume), where=size > 0)
 
 
-def without_spikes(v: FloatArray, graph: Graph, M: Any) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def without_spikes(
+    v: FloatArray, graph: Graph, M: Any, plane: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find single vertices far from the mean of their neighbours, compared with the edges and other vertices around.
+
+    A spike is not in a plane with the faces around: `plane`, (n,), is the noise seen there.
 
     Returns
     -------
@@ -158,7 +169,7 @@ def without_spikes(v: FloatArray, graph: Graph, M: Any) -> tuple[FloatArray, npt
         around = row_medians(graph.indptr, own[graph.indices])
         usual = ring_medians(graph, ring_medians(graph, np.linalg.norm(smooth - means, axis=1)))
         far = np.linalg.norm(v - means, axis=1)
-        found = enough & (far > _SPIKE * around) & (far > _TIMES * usual)
+        found = enough & (far > _SPIKE * around) & (far > _TIMES * usual) & (plane > _BENT * around)
         if (found == spikes).all():
             break
         spikes = found

@@ -82,9 +82,9 @@ class MeshDenoising(Denoised[float]):
             return f"Taubin's pair of steps, {TAUBIN[0]} and {TAUBIN[1]}, {self.iterations} steps"
         if self.rounds is None or not self.results:
             return super().describe()
-        most, each = int(self.rounds.max(initial=0)), self.results[0].iterations
+        most, each = int(self.rounds.max(initial=0)), sum(result.iterations for result in self.results[:2])
         rounds = f"{most} rounds" if most > 1 else "1 round" if most else "a part of 1 round"
-        return f"{self.WHAT[self.filter]}; guided, p = 2, {rounds} of {each} iterations, as long as white noise leaves"
+        return f"{self.WHAT[self.filter]}; guided, p = 2, {rounds} of {each} iterations"
 
     def found(self) -> str:
         """Describe in one line what the noise is like, and what was left."""

@@ -25,8 +25,8 @@ from ..weights.base import EdgeWeights
 from .normals import fitted_vertices, units
 from .whiteness import Whiteness
 
-# Rounds at most, sweeps of the normals in each, and steps that fit the vertices to them.
-ROUNDS, _SWEEPS, _FIT = 20, 2, 10
+# Rounds at most; sweeps of the normals in each, with the one and the other guide; steps that fit the vertices to them.
+ROUNDS, _SWEEPS, _FIT = 20, (2, 1), 10
 
 # Scale of the weights between normals, a distance of unit vectors: sqrt(_BASE^2 + min(_MOST, _TIMES * median)^2), with
 # the median difference of the guide across edges. _BASE from 0.12 to 0.2 and _TIMES from 0.5 to 1.5 differ little.
@@ -74,7 +74,7 @@ class Rounds:
     ----------
     vertices : (n, 3) float array
     results : list of Result
-        The runs of the model, one a round.
+        The runs of the model, two a round.
     rounds : (c,) int array
         Number of rounds that were accepted, for each component of the graph; 0 where the first one was not.
     """
@@ -99,6 +99,11 @@ class _Mesh:
         return incidence(self.faces, len(self.v0))
 
     @cached_property
+    def of_face(self) -> IntArray:
+        """The component of each face, (F,)."""
+        return self.parts.labels[self.faces[:, 0]]
+
+    @cached_property
     def face_graph(self) -> Graph:
         """The graph of the faces that share a vertex."""
         return face_graph(self.v0, self.faces, across="vertex")
@@ -110,35 +115,43 @@ class _Mesh:
         u, v = graph.edge_rows(), graph.indices
         once = u < v
         u, v = u[once], v[once]
-        labels = self.parts.labels[self.faces[u, 0]]
+        labels = self.of_face[u]
         some = self.parts.thinned(labels)
         return u[some], v[some], labels[some]
 
-    def round(self, v: FloatArray, moves: npt.NDArray[np.bool_], options: Run) -> tuple[FloatArray, Result]:
+    def round(
+        self, v: FloatArray, moves: npt.NDArray[np.bool_], options: Run
+    ) -> tuple[FloatArray, tuple[Result, Result]]:
         """Regularize the normals of the faces at the positions `v`, (n, 3), and fit the vertices that move to them."""
         vectors = face_vectors(v, self.faces)
         areas = np.linalg.norm(vectors, axis=1)
         normals = units(vectors, vectors)
-        part_of_face = self.parts.labels[self.faces[:, 0]]
-        mean = self.parts.means(areas, part_of_face)[part_of_face]
+        mean = self.parts.means(areas, self.of_face)[self.of_face]
         sizes = np.cbrt(np.divide(areas, mean, out=np.zeros_like(areas), where=mean > 0))
         # the mean over the faces around, each as often as it shares a vertex: three times itself, twice across an edge
-        guide = self.gather.T @ (self.gather @ (sizes[:, None] * normals))
-        guide = units(guide, normals)
-        f, g, labels = self.sampled
-        apart = self.parts.medians(np.linalg.norm(guide[f] - guide[g], axis=1), labels)
-        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _TIMES * np.nan_to_num(apart)) ** 2)
-        weights = _GuidedWeights(sizes, guide / scale[part_of_face][:, None])
-        result = regularize(
-            normals, self.face_graph, p=2, lam=0, weights=weights, solver=Jacobi(damping=1), max_iter=_SWEEPS, **options
-        )
-        target = units(result.value.astype(np.float64), normals)
-        longest = np.sqrt(np.max(
-            [((v[self.faces[:, k]] - v[self.faces[:, k - 1]]) ** 2).sum(axis=1) for k in range(3)], axis=0
-        ))  # fmt: skip
+        around = units(self.gather.T @ (self.gather @ (sizes[:, None] * normals)), normals)
+        first = self._regularized(normals, sizes, around, _SWEEPS[0], options)
+        # then the result is the guide: around a corner, where means mix all sides, it is more exact
+        middle = units(first.value.astype(np.float64), normals)
+        second = self._regularized(middle, sizes, middle, _SWEEPS[1], options)
+        target = units(second.value.astype(np.float64), middle)
+        sides = [((v[self.faces[:, k]] - v[self.faces[:, k - 1]]) ** 2).sum(axis=1) for k in range(3)]
+        longest = np.sqrt(np.max(sides, axis=0))
         # a face without area has no normal to fit to
         weight = np.divide(1, longest, out=np.zeros_like(longest), where=areas > 0)
-        return fitted_vertices(v, self.faces, target, moves, _FIT, weight), result
+        return fitted_vertices(v, self.faces, target, moves, _FIT, weight), (first, second)
+
+    def _regularized(
+        self, normals: FloatArray, sizes: FloatArray, guide: FloatArray, sweeps: int, options: Run
+    ) -> Result:
+        """Do sweeps of the model on normals, with weights from the guide, at a scale of its own for each component."""
+        u, v, labels = self.sampled
+        apart = np.nan_to_num(self.parts.medians(np.linalg.norm(guide[u] - guide[v], axis=1), labels))
+        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _TIMES * apart) ** 2)
+        weights = _GuidedWeights(sizes, guide / scale[self.of_face][:, None])
+        return regularize(
+            normals, self.face_graph, p=2, lam=0, weights=weights, solver=Jacobi(damping=1), max_iter=sweeps, **options
+        )
 
 
 def denoised_in_rounds(
@@ -157,7 +170,7 @@ def denoised_in_rounds(
 
     A round computes the normals n of the faces, and guides g, the mean of n over the faces that share a vertex. Two
     sweeps of the model at p = 2, lam = 0, with weights (a(u) a(v))^(1/3) exp(-|g(u) - g(v)|^2 / s^2), where a is the
-    area, give the normals to which the vertices are fitted. The heights that were removed so far, along the normals of
+    area, and one more with their result as the guide, give the normals to which the vertices are fitted. The heights that were removed so far, along the normals of
     the vertices, are white as long as noise is removed: heights of neighbours then have other signs as often as the
     same. A component stops, without its last round, once they are not; a vertex stops where they are not around it.
 
@@ -195,8 +208,8 @@ def denoised_in_rounds(
         moving = active[parts.labels] & ~stopped
         if not moving.any():
             break
-        new, result = mesh.round(v, moving, options)
-        results.append(result)
+        new, runs = mesh.round(v, moving, options)
+        results += runs
         step = new - vertices
         heights = np.where(moving | moved, (step * normals).sum(axis=1), 0.0)
         refused = active & white.refuses(heights, moving | moved)
