@@ -43,9 +43,11 @@ class Components:
         """Count the vertices of each component, (c,)."""
         return np.bincount(self.labels, minlength=self.count)
 
-    def sums(self, values: FloatArray, labels: IntArray | None = None) -> FloatArray:
+    def sums(self, values: FloatArray | npt.NDArray[np.bool_], labels: IntArray | None = None) -> FloatArray:
         """Sum values (k,) of each component, (c,); `labels`, (k,), are their components, by default of vertices."""
-        return np.bincount(self.labels if labels is None else labels, weights=values, minlength=self.count)
+        at = self.labels if labels is None else labels
+        sums: FloatArray = np.bincount(at, weights=values, minlength=self.count).astype(np.float64)
+        return sums
 
     def means(self, values: FloatArray, labels: IntArray | None = None) -> FloatArray:
         """Average values (k,) over each component, (c,); 0 for a component without values."""

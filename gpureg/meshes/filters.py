@@ -19,7 +19,7 @@ from ..model.result import Result
 from ..noise.fidelity import fidelities_to_values, fidelity_to_normals
 from ..noise.local import local_noise, ranges, settled, without_impulses
 from ..progress import progress_bar
-from ..regularization.options import MODEL, RUN, Model, Run
+from ..regularization.options import MODEL, RUN, Model
 from ..regularization.regularize import regularize
 from ..shapes.surface import Surface, face_normals
 from ..solvers import Jacobi, resolve
@@ -261,7 +261,9 @@ class Task:
             return self._fitted(lam[self.faces].mean(axis=1) if isinstance(lam, np.ndarray) else lam)
         sigma = self._of_parts()
         of_face = self.parts.labels[self.faces[:, 0]]
-        turned = noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces), self.parts, of_face)
+        turned = noise_of_normals(
+            face_normals(self.positions, self.faces), *adjacent_faces(self.faces), self.parts, of_face
+        )
         rule = np.where(sigma > 0, [fidelity_to_normals(float(x)) for x in turned], np.inf)
         for _ in range(_TRIES + 1):
             found = self._fitted(_alike(rule[of_face]))

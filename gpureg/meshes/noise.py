@@ -32,7 +32,7 @@ LEFT = "nothing moves there; give sigma or lam to denoise it"
 _LARGEST, _FACTOR = 0.9, 1.2
 
 # Averages over neighbours that smooth the map of the noise.
-_SMOOTH = 10
+_SMOOTH = 5
 
 # The plane of two faces at an edge is their own if the cosine of their angle is above the first, or the height of one
 # over its longest edge below the second; otherwise, where noise may tilt it, the one along the normals of the vertices.
@@ -40,7 +40,7 @@ _LEVEL, _THIN = 0.98, 0.2
 
 # A spike is further from the mean of its neighbours than this share of the edges around, and this number of times the
 # usual distance around; out of the planes of its faces it is by this share of the edges at least.
-_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.3
+_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.01
 # Passes in which spikes are found, each with fewer of them among the neighbours.
 _PASSES = 4
 
@@ -95,11 +95,13 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
         plane = bent(v, normals)
     heights = ((v - M @ v) * normals).sum(axis=1)
     curved = np.abs(heights - M @ heights) / twice_growth(graph, M)
-    smaller = np.minimum(ring_medians(graph, ring_medians(graph, curved)) / MEDIAN, ring_medians(graph, ring_medians(graph, plane)))
+    smaller = np.minimum(
+        ring_medians(graph, ring_medians(graph, curved)) / MEDIAN, ring_medians(graph, ring_medians(graph, plane))
+    )
     pairs = np.bincount(parts.labels[four[:, 0]], minlength=parts.count)
     told = (np.minimum(pairs, parts.sizes()) >= TELLING)[parts.labels]
     smaller = np.where(told & np.isfinite(smaller), smaller, 0.0)
-    local = _FACTOR * np.sqrt(spread(graph, smaller**2, _SMOOTH, M))
+    local: FloatArray = _FACTOR * np.sqrt(spread(graph, smaller**2, _SMOOTH, M))
     most = parts.quantiles(smaller, _LARGEST)[parts.labels]
     of_parts = _FACTOR * np.sqrt(parts.means(np.minimum(smaller, most) ** 2))
     unknown = ~(np.minimum(pairs, parts.sizes()) >= TELLING)
@@ -144,12 +146,11 @@ def plane_offsets(v: FloatArray, four: IntArray, normals: FloatArray) -> FloatAr
     triangles = ((d, a, b), (c, a, b), (c, d, b), (c, d, a))
     areas = [(np.cross(y - x, z - x) * up).sum(axis=1) for x, y, z in triangles]
     size = np.sqrt(np.sum([x**2 for x in areas], axis=0))
-    return np.divide(volume, size, out=np.zeros_like(volume), where=size > 0)
+    offsets: FloatArray = np.divide(volume, size, out=np.zeros_like(volume), where=size > 0)
+    return offsets
 
 
-def without_spikes(
-    v: FloatArray, graph: Graph, M: Any, plane: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def without_spikes(v: FloatArray, graph: Graph, M: Any, plane: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find single vertices far from the mean of their neighbours, compared with the edges and other vertices around.
 
     A spike is not in a plane with the faces around: `plane`, (n,), is the noise seen there.

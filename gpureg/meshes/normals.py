@@ -95,7 +95,8 @@ def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray, parts: Compo
     both = there[u] & there[v]
     across = np.linalg.norm(normals[u] - normals[v], axis=1)[both]
     medians = parts.medians(apart[there], of_face[there]), parts.medians(across, of_face[u][both])
-    return np.nan_to_num(np.minimum(medians[0], _ACROSS * medians[1]))
+    noise: FloatArray = np.nan_to_num(np.minimum(medians[0], _ACROSS * medians[1]))
+    return noise
 
 
 def units(vectors: FloatArray, instead: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Denoise a mesh by rounds of guided normals, until what a round removes is no longer white: :func:`denoised_in_rounds`."""
+"""Denoise a mesh by rounds of guided normals, while they remove white noise: :func:`denoised_in_rounds`."""
 
 from __future__ import annotations
 
@@ -170,9 +170,10 @@ def denoised_in_rounds(
 
     A round computes the normals n of the faces, and guides g, the mean of n over the faces that share a vertex. Two
     sweeps of the model at p = 2, lam = 0, with weights (a(u) a(v))^(1/3) exp(-|g(u) - g(v)|^2 / s^2), where a is the
-    area, and one more with their result as the guide, give the normals to which the vertices are fitted. The heights that were removed so far, along the normals of
-    the vertices, are white as long as noise is removed: heights of neighbours then have other signs as often as the
-    same. A component stops, without its last round, once they are not; a vertex stops where they are not around it.
+    area, and one more with their result as the guide, give the normals to which the vertices are fitted. The heights
+    that were removed so far, along the normals of the vertices, are white as long as noise is removed: heights of
+    neighbours then have other signs as often as the same. A component stops, without its last round, once they are
+    not; a vertex stops where they are not around it.
 
     Parameters
     ----------
@@ -197,11 +198,12 @@ def denoised_in_rounds(
     """
     mesh = _Mesh(vertices, faces, graph, parts)
     white = Whiteness(graph, parts, border_vertices(faces, len(vertices)))
-    v, results = vertices, []
+    v = vertices
+    results: list[Result] = []
     rounds = np.zeros(parts.count, np.int64)
     active = parts.sums(moves) > 0
     stopped = ~moves
-    moved = np.zeros(len(vertices), bool)
+    moved, partly = np.zeros((2, len(vertices)), bool)
     # along these normals heights are white, where those of smoother surfaces would follow what was removed
     normals = vertex_normals(vertices, faces)
     for k in range(ROUNDS):
@@ -221,6 +223,7 @@ def denoised_in_rounds(
             # where the first round already removes shape: a part of its step
             careful = (shaped | refused[parts.labels]) & moving
             v = np.where(careful[:, None], vertices + _careful(step, sigma, graph), v)
+            partly = careful
         accepted = moving & ~shaped & ~refused[parts.labels]
         v = np.where(accepted[:, None], new, v)
         moved |= accepted
@@ -228,6 +231,7 @@ def denoised_in_rounds(
         active &= ~refused
         rounds[active] += 1
         report(k + 1)
+    moved |= partly
     if moved.any():
         normals = vertex_normals(v, faces)
         low = spread(graph, np.where(moved, ((vertices - v) * normals).sum(axis=1), 0.0), _LOW)

@@ -13,8 +13,8 @@ from ..arrays import FloatArray
 from ..graphs.components import Components
 from ..graphs.csr import Graph
 
-# The correlation of neighbours in the removed heights, sum of h(u) h(v) over sum of h(u)^2 along edges: below _WHITE for
-# removed noise (from -0.01 to -0.05 the results differ little), above _SHAPE around a vertex for removed shape.
+# The correlation of neighbours in the removed heights, sum of h(u) h(v) over sum of h(u)^2 along edges: below _WHITE
+# for removed noise (from -0.01 to -0.05 the results differ little), above _SHAPE around a vertex for removed shape.
 _WHITE, _SHAPE = -0.03, 0.1
 
 # Averages over neighbours for the correlation around a vertex.
@@ -73,4 +73,5 @@ class Whiteness:
         edges = np.maximum(self.parts.sums(one * (A @ one)) / 2, 1)
         chance = np.maximum(1.5 / np.sqrt(edges) - 0.03, 0)
         correlated: npt.NDArray[np.bool_] = both > (_WHITE - chance) * own
-        return correlated | (own == 0)
+        correlated |= own == 0
+        return correlated

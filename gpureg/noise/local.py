@@ -14,7 +14,7 @@ from ..graphs.csr import Graph
 from .graphs import MEDIAN, averaging
 
 # Averages over neighbours that smooth a map of the noise; after k of them it reaches about sqrt(k) edges.
-_SMOOTH = 6
+_SMOOTH = 5
 
 # The variance of the median of d values is about this number over d times that of one, for d from 3 to 8.
 _MEDIAN_OF = 1.3
@@ -26,7 +26,7 @@ _FAR, _SHARE = 5.0, 0.1
 # Passes in which impulses are found, each with fewer of them among the neighbours.
 _PASSES = 3
 
-# Noise of one strength: the 90 percent quantile of a map of it is at most this number of times the 10 percent quantile.
+# Noise of one strength varies in a map of it by this factor.
 _EVEN = 2.0
 
 
@@ -141,9 +141,9 @@ def twice_growth(graph: Graph, M: Any) -> FloatArray:
 def without_impulses(f: FloatArray, graph: Graph, parts: Components) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find vertices whose value (n, m) is far beyond those of their neighbours.
 
-    Far is more than five standard deviations of the noise around beyond all neighbours but one, and more than a tenth of
-    the range of the values of the component without their outer hundredths. A vertex with fewer than three neighbours is
-    none. In a mesh the noise is the usual distance from the median of the neighbours.
+    Far is more than five standard deviations of the noise around beyond all neighbours but one, and more than a tenth
+    of the range of the values of the component without their outer hundredths. A vertex with fewer than three
+    neighbours is none. The noise is the usual distance from the median of the neighbours.
 
     Returns
     -------
@@ -166,15 +166,15 @@ def without_impulses(f: FloatArray, graph: Graph, parts: Components) -> tuple[Fl
 
 
 def settled(sigma: FloatArray, parts: Components) -> FloatArray:
-    """Replace a map of the noise (n,) by its median in each component where it varies little; NaN stays.
+    """Give the vertices of a component with strong noise one value, in a map (n,) of the noise; NaN stays.
 
-    Little is a 90 percent quantile of at most twice the 10 percent quantile: less than half of it is chance, but one
-    number for a component with noise of one strength is more exact.
+    Strong is at least half of the 90 percent quantile; the value is the median of these. Less than a factor of two is
+    chance in a map, and one number is more exact; weaker noise in other parts keeps its map.
     """
     filled = np.nan_to_num(sigma)
-    low, high = parts.quantiles(filled, 0.1), parts.quantiles(filled, 0.9)
-    even = (high <= _EVEN * low)[parts.labels]
-    return np.where(even & ~np.isnan(sigma), parts.medians(filled)[parts.labels], sigma)
+    strong = filled >= parts.quantiles(filled, 0.9)[parts.labels] / _EVEN
+    levels = parts.medians(filled[strong], parts.labels[strong])
+    return np.where(strong & ~np.isnan(sigma), levels[parts.labels], sigma)
 
 
 def ranges(x: FloatArray, parts: Components) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, checked_faces, checked_points
-from ..graphs.of_shapes import face_edges
+from ..graphs.of_shapes import face_edges, with_three_corners
 from .welding import same_points
 
 # A function that makes a mesh of the input's type from vertices, faces and `kept`: vertex i has the attributes of the
@@ -192,8 +192,7 @@ def proper_faces(vertices: FloatArray, faces: IntArray) -> npt.NDArray[np.bool_]
     longest = np.max([((corners[k] - corners[k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0)
     area = np.linalg.norm(face_vectors(vertices, faces), axis=1)
     # a repeated corner makes two edges equal, whose product is rounding
-    three = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    proper: npt.NDArray[np.bool_] = three & (2 * area > _FLAT * longest)
+    proper: npt.NDArray[np.bool_] = with_three_corners(faces) & (2 * area > _FLAT * longest)
     return proper
 
 

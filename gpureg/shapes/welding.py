@@ -6,8 +6,8 @@ import numpy as np
 
 from ..arrays import FloatArray, IntArray
 
-# Distance of vertices that count as one, in mean edges around them: ten times the rounding and jitter of 1e-6 edges that
-# triangle soups have, because two copies are apart by more than each of them is from its place.
+# Distance of vertices that count as one, in mean edges around them: ten times the rounding and jitter of 1e-6 edges of
+# triangle soups, because two copies are further apart than each is from its place.
 WELD = 1e-5
 
 # Copies of a vertex that are searched for at a time; more are found in further passes.
@@ -35,16 +35,16 @@ def same_points(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     # of the copies at a point, those without a face have no edges
     reach = np.zeros(len(points))
     np.maximum.at(reach, which, WELD * edges)
-    which = _closer(points, reach)[which]
-    if which.max(initial=-1) + 1 == len(vertices):
+    numbers = _closer(points, reach)[which]
+    if numbers.max(initial=-1) + 1 == len(vertices):
         return None
-    first = np.full(which.max() + 1, len(vertices))
-    np.minimum.at(first, which, np.arange(len(vertices)))
+    first = np.full(int(numbers.max()) + 1, len(vertices))
+    np.minimum.at(first, numbers, np.arange(len(vertices)))
     # in the order of their first copies, so that meshes with equal faces still have equal faces
     place = np.empty(len(first), np.int64)
     place[np.argsort(first)] = np.arange(len(first))
-    numbers: IntArray = place[which]
-    return numbers
+    ordered: IntArray = place[numbers]
+    return ordered
 
 
 def _mean_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -60,7 +60,7 @@ def _mean_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _closer(points: FloatArray, reach: FloatArray) -> IntArray:
-    """Number groups of points (k, 3) that are closer than the smaller `reach` of both, (k,); return the numbers (k,)."""
+    """Number the groups of points (k, 3) that are closer than the smaller `reach`, (k,), of both; return numbers (k,)."""
     from scipy import sparse
     from scipy.spatial import cKDTree
 
@@ -68,10 +68,11 @@ def _closer(points: FloatArray, reach: FloatArray) -> IntArray:
     left = numbers
     while len(left) > 1 and reach.max() > 0:
         k = min(_COPIES, len(left))
-        far, near = cKDTree(points[left]).query(points[left], k, distance_upper_bound=reach.max() * (1 + 1e-9))
-        rows, columns = np.repeat(np.arange(len(left)), k), near.ravel()
+        tree = cKDTree(points[left])
+        far, near = (np.ravel(x) for x in tree.query(points[left], k, distance_upper_bound=reach.max() * (1 + 1e-9)))
+        rows, columns = np.repeat(np.arange(len(left)), k), near
         there = (columns < len(left)) & (columns != rows)
-        rows, columns, far = rows[there], columns[there], far.ravel()[there]
+        rows, columns, far = rows[there], columns[there], far[there]
         close = far <= np.minimum(reach[left[rows]], reach[left[columns]])
         if not close.any():
             break
