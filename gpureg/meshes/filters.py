@@ -109,7 +109,7 @@ class Task:
     @cached_property
     def edges(self) -> FloatArray:
         """Mean length of the edges of each component, (c,); 0 without edges."""
-        u, x = self.graph.edge_rows(), self.positions
+        u, x = self.graph.edge_rows(), self.positions if self.sigma is not None else self.noise.smooth
         lengths = np.linalg.norm(x[u] - x[self.graph.indices], axis=1)
         return self.parts.means(lengths, self.parts.labels[u])
 
@@ -134,14 +134,17 @@ class Task:
         options = {name: self.options[name] for name in RUN if name in self.options}  # type: ignore[literal-required]
         sigma = self._of_parts()
         noisy = sigma > _NEGLIGIBLE * self.edges
+        start = self.positions
         if self.sigma is None:
+            # the rounds begin without spikes, which would have a say in the normals around
+            start = np.where(self.pinned[:, None], start, self.noise.smooth)
             noisy |= self.parts.sums(self.noise.spikes.astype(np.float64)) > 0
             sigma = np.nan_to_num(self.noise.local)
         else:
             sigma = sigma[self.parts.labels]
         with progress_bar(options.pop("progress", False), ROUNDS, "rounds") as report:
             found = denoised_in_rounds(
-                self.positions,
+                start,
                 self.faces,
                 self.graph,
                 self.parts,
@@ -166,6 +169,7 @@ class Task:
             lam = np.where(known, scale / np.where(known, sigma, 1.0), np.inf)
             if self.sigma is None:
                 lam[self.noise.spikes] = 0.0
+                return self._regularized("positions", p, _alike(lam), self.noise.smooth)
         return self._regularized("positions", p, _alike(lam))
 
     def values(self) -> MeshDenoising:
@@ -174,19 +178,20 @@ class Task:
         labels, n = self.parts.labels, len(self.f0)
         noise = np.full(n, math.nan if self.sigma is None else self.sigma)
         unknown = self.used & (self.parts.sizes() < TELLING) & (self.sigma is None)
-        far = np.zeros(n, bool)
+        far, smooth = np.zeros(n, bool), self.f0
         if self.sigma is None:
             told = (self.used & ~unknown)[labels]
             smooth, far = without_impulses(self.f0, self.graph, self.parts)
-            noise[told] = settled(local_noise(smooth, self.graph), self.parts)[told]
             far &= told
+            smooth = np.where(far[:, None], smooth, self.f0)
+            noise[told] = settled(local_noise(smooth, self.graph), self.parts)[told]
         lam = self.lam
         if lam is None:
             degree = self.parts.means(np.diff(self.graph.indptr).astype(np.float64))[labels]
             lam = fidelities_to_values(degree, noise, p, self.f0.shape[1])
             lam[far] = 0.0
             warn_unknown(unknown[self.used], LEFT)
-        found = self._regularized("values", p, _alike(lam))
+        found = self._regularized("values", p, _alike(lam), smooth if self.lam is None else None)
         known = noise[~np.isnan(noise)]
         sigma = float(np.sqrt(np.mean(known**2))) if known.size else math.nan
         return replace(found, sigma=sigma, noise=noise, spikes=int(far.sum()), unknown=int(unknown.sum()))
@@ -213,14 +218,17 @@ class Task:
             **more,
         )
 
-    def _regularized(self, name: str, p: float, lam: float | FloatArray) -> MeshDenoising:
-        """Regularize the function on the graph of the mesh.
+    def _regularized(
+        self, name: str, p: float, lam: float | FloatArray, smooth: FloatArray | None = None
+    ) -> MeshDenoising:
+        """Regularize the function on the graph of the mesh; `smooth`, (k, m), is it without spikes or impulses.
 
         Each component is regularized around its median, and for p != 2 over the range of its values: so the smoothing
         eps of the gradient norm is that of the component alone, whatever others and a few far values are.
         """
         f, results = self.f0, []
         if not np.all(np.isinf(lam)):
+            f = f if smooth is None else np.where(self.pinned[:, None], f, smooth)
             middle, scale = self._frame(p)
             held = lam * scale[:, 0] ** (2 - p) if np.any(scale != 1) else lam
             held = np.where(self.pinned, math.inf, held) if self.pinned.any() else held

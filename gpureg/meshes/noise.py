@@ -40,7 +40,7 @@ _LEVEL, _THIN = 0.98, 0.2
 
 # A spike is further from the mean of its neighbours than this share of the edges around, and this number of times the
 # usual distance around; out of the planes of its faces it is by this share of the edges at least.
-_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.01
+_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.02
 # Passes in which spikes are found, each with fewer of them among the neighbours.
 _PASSES = 4
 
@@ -57,17 +57,23 @@ class MeshNoise:
         Standard deviation of each component; NaN where it cannot be told.
     spikes : (n,) bool array
         Single vertices far from all of their neighbours.
+    sizes : (c,) int array
+        Number of vertices of each component.
+    smooth : (n, 3) float array
+        The vertices, with spikes at the mean of their neighbours.
     """
 
     local: FloatArray
     parts: FloatArray
     spikes: npt.NDArray[np.bool_]
+    sizes: IntArray
+    smooth: FloatArray
 
     @property
     def whole(self) -> float:
         """The root mean square over all vertices with a known noise; NaN without any."""
-        known = ~np.isnan(self.local)
-        return float(np.sqrt(np.mean(self.local[known] ** 2))) if known.any() else np.nan
+        known = ~np.isnan(self.parts)
+        return float(np.sqrt(np.average(self.parts[known] ** 2, weights=self.sizes[known]))) if known.any() else np.nan
 
 
 def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) -> MeshNoise:
@@ -105,11 +111,13 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     most = parts.quantiles(smaller, _LARGEST)[parts.labels]
     of_parts = _FACTOR * np.sqrt(parts.means(np.minimum(smaller, most) ** 2))
     unknown = ~(np.minimum(pairs, parts.sizes()) >= TELLING)
+    local = settled(local, parts)
     # the map has the level of the components, whose largest values are shape
     level = np.sqrt(parts.means(local**2))
     local *= np.divide(of_parts, level, out=np.ones_like(level), where=level > 0)[parts.labels]
-    local = settled(local, parts)
-    return MeshNoise(np.where(told, local, np.nan), np.where(unknown, np.nan, of_parts), told & spikes)
+    return MeshNoise(
+        np.where(told, local, np.nan), np.where(unknown, np.nan, of_parts), told & spikes, parts.sizes(), v
+    )
 
 
 def hinges(faces: IntArray) -> IntArray:

@@ -26,7 +26,7 @@ _BORDER = 20
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """The test of whiteness on the graph of a mesh with some components; `border`, (n,) bool, are vertices on borders."""
+    """The test of whiteness on the graph of a mesh with some components; `border`, (n,) bool, are border vertices."""
 
     graph: Graph
     parts: Components

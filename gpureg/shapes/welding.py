@@ -60,7 +60,7 @@ def _mean_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _closer(points: FloatArray, reach: FloatArray) -> IntArray:
-    """Number the groups of points (k, 3) that are closer than the smaller `reach`, (k,), of both; return numbers (k,)."""
+    """Number the groups of points (k, 3) closer than the smaller `reach`, (k,), of both; return the numbers (k,)."""
     from scipy import sparse
     from scipy.spatial import cKDTree
 
