@@ -136,8 +136,8 @@ class Task:
         noisy = sigma > _NEGLIGIBLE * self.edges
         start = self.positions
         if self.sigma is None:
-            # the rounds begin without spikes, which would have a say in the normals around
-            start = np.where(self.pinned[:, None], start, self.noise.smooth)
+            # faces to a vertex far away would decide for others; smaller spikes are removed by the rounds
+            start = np.where((self.noise.flying & ~self.pinned)[:, None], self.noise.smooth, start)
             noisy |= self.parts.sums(self.noise.spikes.astype(np.float64)) > 0
             sigma = np.nan_to_num(self.noise.local)
         else:

@@ -39,8 +39,12 @@ _SMOOTH = 5
 _LEVEL, _THIN = 0.98, 0.2
 
 # A spike is further from the mean of its neighbours than this share of the edges around, and this number of times the
-# usual distance around; out of the planes of its faces it is by this share of the edges at least.
-_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.02
+# usual distance around; out of the planes of its faces it is by the last share of this distance at least, which long
+# strips of triangles are not.
+_SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.05
+# A flying vertex has edges all longer than this number of times the opposite edges of its faces, and is out of the
+# planes of its faces by this share of them.
+_LONG, _APEX = 3.0, 0.25
 # Passes in which spikes are found, each with fewer of them among the neighbours.
 _PASSES = 4
 
@@ -57,6 +61,8 @@ class MeshNoise:
         Standard deviation of each component; NaN where it cannot be told.
     spikes : (n,) bool array
         Single vertices far from all of their neighbours.
+    flying : (n,) bool array
+        Those of them that are many edges away.
     sizes : (c,) int array
         Number of vertices of each component.
     smooth : (n, 3) float array
@@ -66,6 +72,7 @@ class MeshNoise:
     local: FloatArray
     parts: FloatArray
     spikes: npt.NDArray[np.bool_]
+    flying: npt.NDArray[np.bool_]
     sizes: IntArray
     smooth: FloatArray
 
@@ -95,7 +102,8 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
 
     normals = vertex_normals(v, faces)
     plane = bent(v, normals)
-    v, spikes = without_spikes(v, graph, M, plane)
+    flying = flying_vertices(v, faces, plane)
+    v, spikes = without_spikes(v, graph, M, plane, flying)
     if spikes.any():
         normals = vertex_normals(v, faces)
         plane = bent(v, normals)
@@ -115,9 +123,9 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     # the map has the level of the components, whose largest values are shape
     level = np.sqrt(parts.means(local**2))
     local *= np.divide(of_parts, level, out=np.ones_like(level), where=level > 0)[parts.labels]
-    return MeshNoise(
-        np.where(told, local, np.nan), np.where(unknown, np.nan, of_parts), told & spikes, parts.sizes(), v
-    )
+    known = np.where(unknown, np.nan, of_parts)
+    spikes &= told
+    return MeshNoise(np.where(told, local, np.nan), known, spikes, spikes & flying, parts.sizes(), v)
 
 
 def hinges(faces: IntArray) -> IntArray:
@@ -158,10 +166,25 @@ def plane_offsets(v: FloatArray, four: IntArray, normals: FloatArray) -> FloatAr
     return offsets
 
 
-def without_spikes(v: FloatArray, graph: Graph, M: Any, plane: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def flying_vertices(v: FloatArray, faces: IntArray, plane: FloatArray) -> npt.NDArray[np.bool_]:
+    """Find vertices far out of a surface: with long edges around a small ring, and out of their faces, (n,) bool."""
+    shortest, opposite = np.full(len(v), np.inf), np.zeros(len(v))
+    for k in range(3):
+        one, two, three = (faces[:, (k + j) % 3] for j in range(3))
+        lengths = np.linalg.norm(v[one] - v[two], axis=1)
+        np.minimum.at(shortest, one, lengths)
+        np.minimum.at(shortest, two, lengths)
+        np.maximum.at(opposite, three, lengths)
+    flying: npt.NDArray[np.bool_] = (shortest > _LONG * opposite) & (plane > _APEX * opposite) & (opposite > 0)
+    return flying
+
+
+def without_spikes(
+    v: FloatArray, graph: Graph, M: Any, plane: FloatArray, flying: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find single vertices far from the mean of their neighbours, compared with the edges and other vertices around.
 
-    A spike is not in a plane with the faces around: `plane`, (n,), is the noise seen there.
+    A spike is not in a plane with the faces around: `plane`, (n,), is the noise seen there; `flying`, (n,), are spikes.
 
     Returns
     -------
@@ -178,7 +201,7 @@ def without_spikes(v: FloatArray, graph: Graph, M: Any, plane: FloatArray) -> tu
         around = row_medians(graph.indptr, own[graph.indices])
         usual = ring_medians(graph, ring_medians(graph, np.linalg.norm(smooth - means, axis=1)))
         far = np.linalg.norm(v - means, axis=1)
-        found = enough & (far > _SPIKE * around) & (far > _TIMES * usual) & (plane > _BENT * around)
+        found = enough & (far > _SPIKE * around) & (far > _TIMES * usual) & (flying | (plane > _BENT * far))
         if (found == spikes).all():
             break
         spikes = found
