@@ -87,9 +87,9 @@ class MeshDenoising(Denoised[float]):
         return f"{self.WHAT[self.filter]}; guided, p = 2, {rounds} of {each} iterations"
 
     def found(self) -> str:
-        """Describe in one line what the noise is like, and what was left."""
+        """Describe uneven noise, spikes, components, and what was left, in one line; "" without any of them."""
         low, high = self.noise_range
-        words = [] if math.isnan(low) else [f"noise {low:.3g} to {high:.3g} in nine of ten vertices"]
+        words = [f"noise from {low:.3g} to {high:.3g}"] if high > 2 * low else []
         words += [f"{self.spikes} spikes"] if self.spikes else []
         words += [f"{self.components} components"] if self.components > 1 else []
         words += [f"{self.left} vertices left as they are"] if self.left else []

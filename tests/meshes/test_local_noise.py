@@ -118,14 +118,14 @@ def test_renumbered_vertices_move_alike(filter):
 
 
 @pytest.mark.parametrize("filter", FILTERS)
-@pytest.mark.parametrize(("scale", "offset"), [(2.0**-10, 0.0), (1e-3, 0.0), (1.0, 5e5), (1e3, 4e6)])
+@pytest.mark.parametrize(("scale", "offset"), [(2.0**-10, 0.0), (1e-3, 4e6)])
 def test_units_and_places(filter, scale, offset):
     noisy = shaken(SPHERE, 0.2)
     here = denoise(noisy, SPHERE.faces, filter=filter)
     there = denoise(noisy * scale + offset, SPHERE.faces, filter=filter)
     if offset == 0 and scale == 2.0**-10:
         np.testing.assert_array_equal(there, here * scale)
-    # the coordinates' own rounding, 1e-9 of 4e6, through all rounds
+    # the coordinates' own rounding, 1e-9 / 2 at 4e6, in units of 1e-3, through all rounds
     assert np.abs((there - offset) / scale - here).max() < 2e-5
 
 
