@@ -223,8 +223,8 @@ class Task:
     ) -> MeshDenoising:
         """Regularize the function on the graph of the mesh; `smooth`, (k, m), is it without spikes or impulses.
 
-        Each component is regularized around its median, and for p != 2 over the range of its values: so the smoothing
-        eps of the gradient norm is that of the component alone, whatever others and a few far values are.
+        Each component is regularized around its median, over the range of its values: so the smoothing eps of the
+        gradient norm is that of the component alone, whatever others and a few far values are.
         """
         f, results = self.f0, []
         if not np.all(np.isinf(lam)):
@@ -233,7 +233,7 @@ class Task:
             held = lam * scale[:, 0] ** (2 - p) if np.any(scale != 1) else lam
             held = np.where(self.pinned, math.inf, held) if self.pinned.any() else held
             options: Model = dict(self.options)  # type: ignore[assignment]
-            if np.any(scale != 1) and resolve(options.get("solver", "jacobi")).smooths:
+            if p != 2 and np.any(scale != 1) and resolve(options.get("solver", "jacobi")).smooths:
                 options["eps"] = _EPS
             most = 100 if self.max_iter is None else self.max_iter
             results = [
@@ -250,11 +250,14 @@ class Task:
         middle = f - parts.centred(f)
         scale = np.ones((len(f), 1))
         # given weights and eps are in the units of the data
-        if p == 2 or self.options.get("eps") is not None or not isinstance(self.weights, Cotangent | None):
+        if self.options.get("eps") is not None or not isinstance(self.weights, Cotangent | None):
             return middle, scale
         found = np.linalg.norm([ranges(x, parts) for x in f.T], axis=0)
         whole = np.linalg.norm([parts.quantiles(x, 1.0) - parts.quantiles(x, 0.0) for x in f.T], axis=0)
         found = np.where(found > 0, found, np.where(whole > 0, whole, 1.0))
+        if p == 2:
+            # the result does not depend on the scale, but float32 has a smallest and a largest number
+            found = 2.0 ** np.rint(np.log2(found))
         return middle, found[parts.labels][:, None]
 
     def _by_normals(self) -> MeshDenoising:
