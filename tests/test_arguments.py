@@ -24,6 +24,11 @@ CLOUD = rng(9).random((60, 3))
 ANGLES = np.linspace(0, 2 * np.pi, 40, endpoint=False)
 OUTLINE = np.stack([np.cos(ANGLES), 0.6 * np.sin(ANGLES)], axis=1)
 SQUARE = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.2]], float), np.array([[0, 1, 2], [2, 1, 3]]))
+CELLS = np.arange(49).reshape(7, 7)[:-1, :-1].ravel()
+SHEET = (
+    np.column_stack([*(axis.ravel() for axis in np.mgrid[:7, :7]), 0.1 * rng(11).standard_normal(49)]),
+    np.concatenate([np.stack([CELLS, CELLS + 7, CELLS + 1], 1), np.stack([CELLS + 1, CELLS + 7, CELLS + 8], 1)]),
+)
 GRID = gr.GridGraph(IMAGE.shape)
 REGIONS = (np.indices(IMAGE.shape).sum(axis=0) // 8).astype(int)
 
@@ -58,10 +63,10 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
     "region_values": (gr.region_values, (IMAGE, REGIONS), {}),
     "sources.extrema": (gr.sources.extrema, (IMAGE, GRID), ON),
     "sources.seeds": (gr.sources.seeds, (GRID, 6), {}),
-    "denoise_mesh": (gr.denoise_mesh, SQUARE, ON | {"max_iter": 2}),
+    "denoise_mesh": (gr.denoise_mesh, SHEET, ON | {"max_iter": 2}),
     "simplify_mesh": (gr.simplify_mesh, SQUARE, ON | {"max_iter": 2}),
     "segment_mesh": (gr.segment_mesh, SQUARE, ON | {"max_iter": 2}),
-    "estimate_mesh_noise": (gr.estimate_mesh_noise, SQUARE, {}),
+    "estimate_mesh_noise": (gr.estimate_mesh_noise, SHEET, {}),
     "denoise_points": (gr.denoise_points, (CLOUD,), ON | {"max_iter": 2}),
     "estimate_point_noise": (gr.estimate_point_noise, (CLOUD,), {}),
     "cluster_points": (gr.cluster_points, (CLOUD,), ON | {"max_iter": 2}),

@@ -44,6 +44,17 @@ def _without_loops(matrix: Any, positions: FloatArray) -> Graph:
     return Graph(indptr, matrix.indices[other], None, positions)
 
 
+def with_three_corners(faces: IntArray) -> npt.NDArray[np.bool_]:
+    """Find the faces (F, k) with at least three different corners, (F,) bool: others have no area, and join nothing."""
+    if faces.shape[1] == 3:
+        one, two, three = faces.T
+        found: npt.NDArray[np.bool_] = (one != two) & (two != three) & (three != one)
+        return found
+    ordered = np.sort(faces, axis=1)
+    several: npt.NDArray[np.bool_] = (ordered[:, 1:] != ordered[:, :-1]).sum(axis=1) >= min(2, faces.shape[1] - 1)
+    return several
+
+
 @door
 def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     """Make the graph of a mesh: its vertices are joined along the edges of its faces (section 5.3).
@@ -59,7 +70,8 @@ def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     -------
     Graph
         A graph without weights: give :mod:`gpureg.weights` such as ``inverse_distance(2)`` to
-        :func:`gpureg.regularize`. A vertex without a face has no edges.
+        :func:`gpureg.regularize`. A vertex without a face has no edges, and a face with fewer than three different
+        corners makes none.
 
     Raises
     ------
@@ -76,7 +88,8 @@ def mesh_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Graph:
     (5, array([2., 3., 3., 2., 0.]))
     """
     positions = checked_points(vertices, "vertices")
-    edges = face_edges(checked_faces(faces, len(positions)))
+    corners = checked_faces(faces, len(positions))
+    edges = face_edges(corners[with_three_corners(corners)])
     return _joined(edges[:, 0], edges[:, 1], len(positions), positions)
 
 
@@ -95,7 +108,8 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     Returns
     -------
     Graph
-        One vertex per face, at the mean of its corners. All pairs of faces along a non-manifold edge are neighbours.
+        One vertex per face, at the mean of its corners. All pairs of faces along a non-manifold edge are neighbours. A
+        face with fewer than three different corners has no neighbours.
 
     Raises
     ------
@@ -118,9 +132,10 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
     if n_faces == 0:
         raise ValueError("faces is empty: there is no face to make a graph from")
     middles = positions[corners].mean(axis=1)
+    proper = np.flatnonzero(with_three_corners(corners))
     if across == "vertex":
-        at = (np.repeat(np.arange(n_faces), k), corners.ravel())
-        parts = sparse.csr_array((np.ones(corners.size, np.int32), at), shape=(n_faces, len(positions)))
+        at = (np.repeat(proper, k), corners[proper].ravel())
+        parts = sparse.csr_array((np.ones(len(at[0]), np.int32), at), shape=(n_faces, len(positions)))
         shared = sparse.csr_array(parts @ parts.T)
         shared.sort_indices()
         return _without_loops(shared, middles)
@@ -128,9 +143,12 @@ def face_graph(vertices: npt.ArrayLike, faces: npt.ArrayLike, *, across: Across 
 
 
 def adjacent_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the pairs of faces that share an edge, once per edge, as two arrays of face numbers, (E,) each."""
+    """Return the pairs of faces that share an edge, once per edge, as two arrays of face numbers, (E,) each.
+
+    Faces with fewer than three different corners are left out.
+    """
     edges = np.sort(face_edges(faces), axis=1)
-    proper = edges[:, 0] != edges[:, 1]
+    proper = (edges[:, 0] != edges[:, 1]) & np.repeat(with_three_corners(faces), faces.shape[1])
     keys = edges[proper] @ np.array([int(faces.max(initial=0)) + 1, 1])
     order = np.argsort(keys)
     keys, owners = keys[order], np.flatnonzero(proper)[order] // faces.shape[1]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import metrics
-from ..meshes.filters import MeshDenoising
+from ..meshes.report import MeshDenoising
 from ..meshes.simplify import MeshSimplification
 from ..shapes.surface import Surface
 from .report import Change, Displacement, ShapeReport, noise_line, number
@@ -155,7 +155,12 @@ class MeshDenoisingReport(MeshReport):
             "lam": number(found.lam) if isinstance(found.lam, float) else "map",
         }
         if found.filter != "Taubin":
-            report |= {"sigma": found.sigma, "sigma_estimated": found.estimated}
+            report |= {"sigma": number(found.sigma), "sigma_estimated": found.estimated}
+            low, high = found.noise_range
+            if math.isfinite(low):
+                report["noise_range"] = [low, high]
+            report |= {"spikes": found.spikes, "components": found.components}
+            report |= {"unknown_noise": found.unknown, "left": found.left}
         if self.measures is not None:
             report |= self.measures.as_json()
             report["displacement"] = Displacement.of(found.displacement).as_json()
@@ -165,8 +170,12 @@ class MeshDenoisingReport(MeshReport):
         found = self.found
         if found.filter == "Taubin":
             return []
-        share = f", {found.sigma / found.edge:.2g} of the mean edge" if found.moves and found.edge else ""
-        return [noise_line(found.sigma, share, found.estimated)]
+        if math.isnan(found.sigma):
+            line = "noise    cannot be told" if found.unknown else "noise    not measured"
+        else:
+            share = f", {found.sigma / found.edge:.2g} of the mean edge" if found.moves and found.edge else ""
+            line = noise_line(found.sigma, share, found.estimated)
+        return [line, *([f"found    {found.found()}"] if found.found() else [])]
 
     def _found(self) -> list[str]:
         largest, edge = Displacement.of(self.found.displacement).largest, self.found.edge

@@ -3,81 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import adjacent_faces
 from ..model.result import Result
-from ..noise.fidelity import fidelity_to_normals, fidelity_to_values
-from ..noise.graphs import noise_on_graph
-from ..regularization.denoised import Denoised
-from ..regularization.options import Model
+from ..noise.fidelity import fidelities_to_values, fidelity_to_normals
+from ..noise.local import local_noise, ranges, settled, without_impulses
+from ..progress import progress_bar
+from ..regularization.options import MODEL, RUN, Model
 from ..regularization.regularize import regularize
 from ..shapes.surface import Surface, face_normals
-from ..solvers import Jacobi
+from ..solvers import Jacobi, resolve
 from ..weights import Weights
-from .noise import noise_along_normals, noise_of_normals
-from .normals import fitted_vertices, regularized_normals
+from ..weights.triangles import Cotangent
+from .noise import LEFT, TELLING, MeshNoise, measured, warn_unknown
+from .normals import fitted_vertices, noise_of_normals, regularized_normals
+from .report import TAUBIN, MeshDenoising
+from .rounds import BELIEVABLE, ROUNDS, denoised_in_rounds
 
 Filter = Literal["normals", "positions"]
 FILTERS: tuple[Filter, ...] = get_args(Filter)
 
-# Rounds in which normals are regularized, and iterations per round; a fourth round makes curved shapes worse.
+# Rounds in which normals are regularized with a given model, and iterations per round; a fourth round makes curved
+# shapes worse.
 _ROUNDS, _ITERATIONS = 3, 30
 
-# For the default fidelity: the largest accepted root mean square displacement, in units of the noise, and how often the
-# fidelity is raised to stay below it. 0.96 to 1.27 on the pairs of bunny, nicolo, fandisk, block and dodecahedron; 1.9
-# to 14 where a mesh collapsed.
-_BELIEVABLE, _TRIES = 1.6, 8
+# How often the fidelity is raised so that the vertices move by at most BELIEVABLE times the noise: the displacement is
+# 0.96 to 1.27 on the pairs of bunny, nicolo, fandisk, block and dodecahedron; 1.9 to 14 where a mesh collapsed.
+_TRIES = 8
 
 # Steps that fit the vertices to the normals: more steps make flat faces flatter and curved ones worse.
 _FIT = 10
 
-# Taubin smoothing: a step towards the mean of the neighbours, then one away from it.
-TAUBIN = (0.5, -0.53)
+# Noise below this share of the mean edge is the rounding of coordinates.
+_NEGLIGIBLE = 1e-5
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MeshDenoising(Denoised[float]):
-    """The result of denoising a mesh: see :class:`Denoised`.
-
-    Attributes
-    ----------
-    filter : {"normals", "positions", "Taubin", "values"}
-    lam : float or array
-        An array if `lam` was one: (n,), one per vertex; for "normals" (F,), one per face.
-    surface : Surface
-        The input mesh.
-    edge : float
-        Mean length of its edges.
-    """
-
-    WHAT: ClassVar[Mapping[str, str]] = {
-        "normals": "normals of the faces, vertices moved to fit them",
-        "positions": "positions of the vertices",
-        "values": "values at the vertices",
-    }
-
-    surface: Surface
-    edge: float
-
-    @property
-    def vertices(self) -> FloatArray:
-        """Positions of the vertices after denoising, (n, 3)."""
-        return self.value if self.moves else self.surface.vertices
-
-    def describe(self) -> str:
-        """Describe the filter and its parameters in one line."""
-        if self.filter == "Taubin":
-            return f"Taubin's pair of steps, {TAUBIN[0]} and {TAUBIN[1]}, {self.iterations} steps"
-        return super().describe()
+# Smoothing of the gradient norm in the range of the values, without their outer hundredths.
+_EPS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +60,11 @@ class Task:
     surface : Surface
         The input mesh, n vertices.
     faces : (F, 3) int array
-        Its triangles on the k vertices without repetitions.
+        Its triangles with an area on the k vertices without repetitions.
     graph : Graph
-        The graph of these vertices, with their centred positions.
+        The graph of these vertices, with their positions, centred in each component.
+    parts : Components
+        The components of the graph.
     f0 : (k, m) float array
         The function.
     pinned : (k,) bool array
@@ -107,6 +80,7 @@ class Task:
     surface: Surface
     faces: IntArray
     graph: Graph
+    parts: Components
     f0: FloatArray
     pinned: npt.NDArray[np.bool_]
     lam: float | FloatArray | None
@@ -123,89 +97,200 @@ class Task:
         return self.graph.positions
 
     @cached_property
-    def edge(self) -> float:
-        """Mean length of the edges."""
-        u, x = self.graph.edge_rows(), self.positions
-        return float(np.linalg.norm(x[u] - x[self.graph.indices], axis=1).mean()) if len(u) else 0.0
+    def noise(self) -> MeshNoise:
+        """The noise along the normals, measured."""
+        return measured(self.positions, self.faces, self.graph, self.parts)
 
     @cached_property
-    def turned(self) -> float:
-        """Noise of the normals of the faces."""
-        return noise_of_normals(face_normals(self.positions, self.faces), *adjacent_faces(self.faces))
+    def used(self) -> npt.NDArray[np.bool_]:
+        """The components with a face, (c,) bool."""
+        return self.parts.sums(np.diff(self.graph.indptr).astype(np.float64)) > 0
+
+    @cached_property
+    def edges(self) -> FloatArray:
+        """Mean length of the edges of each component, (c,); 0 without edges."""
+        u, x = self.graph.edge_rows(), self.positions if self.sigma is not None else self.noise.smooth
+        lengths = np.linalg.norm(x[u] - x[self.graph.indices], axis=1)
+        return self.parts.means(lengths, self.parts.labels[u])
 
     def filtered(self, filter: Filter) -> MeshDenoising:
         """Regularize the positions, or the normals of the faces and then fit the positions to them."""
-        estimated = self.sigma is None
-        sigma = self.sigma
-        if sigma is None:
-            sigma = noise_along_normals(self.positions, self.faces, self.graph, self.turned)
-        if filter == "normals":
-            return self._by_normals(sigma, estimated)
+        if filter == "positions":
+            return self._positions()
+        told = {**MODEL, **self.options}
+        free = self.p is None and self.lam is None and self.weights is None and self.max_iter is None
+        if free and all(told[name] == MODEL[name] for name in ("norm", "eps", "solver", "tol")):
+            return self._in_rounds()
+        return self._by_normals()
+
+    def _of_parts(self) -> FloatArray:
+        """Return the noise of each component, (c,): given, or measured."""
+        if self.sigma is not None:
+            return np.full(self.parts.count, self.sigma)
+        return self.noise.parts
+
+    def _in_rounds(self) -> MeshDenoising:
+        """Denoise by rounds of guided normals until what is removed is no longer noise."""
+        options = {name: self.options[name] for name in RUN if name in self.options}  # type: ignore[literal-required]
+        sigma = self._of_parts()
+        noisy = sigma > _NEGLIGIBLE * self.edges
+        start = self.positions
+        if self.sigma is None:
+            # faces to a vertex far away would decide for others; smaller spikes are removed by the rounds
+            start = np.where((self.noise.flying & ~self.pinned)[:, None], self.noise.smooth, start)
+            noisy |= self.parts.sums(self.noise.spikes.astype(np.float64)) > 0
+            sigma = np.nan_to_num(self.noise.local)
+        else:
+            sigma = sigma[self.parts.labels]
+        with progress_bar(options.pop("progress", False), ROUNDS, "rounds") as report:
+            found = denoised_in_rounds(
+                start,
+                self.faces,
+                self.graph,
+                self.parts,
+                moves=~self.pinned & noisy[self.parts.labels],
+                sigma=sigma,
+                given=self.sigma is not None,
+                report=report,
+                **options,
+            )
+        value = self.f0 + (found.vertices - self.positions)
+        return self._found(value, "normals", found.results, p=2.0, lam=0.0, rounds=found.rounds[self.used])
+
+    def _positions(self) -> MeshDenoising:
+        """Regularize the positions, each vertex by the noise around it."""
         p = 2.0 if self.p is None else self.p
-        lam = self.edge ** (p - 1) * 2 ** (p - 3) / sigma if sigma > 0 and self.edge > 0 else math.inf
-        return self._regularized("positions", sigma, estimated, p, lam)
+        lam = self.lam
+        if lam is None:
+            sigma = np.full(len(self.f0), self.sigma) if self.sigma is not None else self.noise.local
+            edges = self.edges[self.parts.labels]
+            known = (sigma > 0) & (edges > 0)
+            scale = np.where(known, edges, 1.0) ** (p - 1) * 2 ** (p - 3)
+            lam = np.where(known, scale / np.where(known, sigma, 1.0), np.inf)
+            if self.sigma is None:
+                lam[self.noise.spikes] = 0.0
+                return self._regularized("positions", p, _alike(lam), self.noise.smooth)
+        return self._regularized("positions", p, _alike(lam))
 
     def values(self) -> MeshDenoising:
-        """Regularize values other than positions."""
-        sigma = noise_on_graph(self.f0, self.graph) if self.sigma is None else self.sigma
+        """Regularize values other than positions, each vertex by the noise around it."""
         p = 1.0 if self.p is None else self.p
-        lam = fidelity_to_values(self.graph, sigma, p, self.f0.shape[1])
-        return self._regularized("values", sigma, self.sigma is None, p, lam)
+        labels, n = self.parts.labels, len(self.f0)
+        noise = np.full(n, math.nan if self.sigma is None else self.sigma)
+        unknown = self.used & (self.parts.sizes() < TELLING) & (self.sigma is None)
+        far, smooth = np.zeros(n, bool), self.f0
+        if self.sigma is None:
+            told = (self.used & ~unknown)[labels]
+            smooth, far = without_impulses(self.f0, self.graph, self.parts)
+            far &= told
+            smooth = np.where(far[:, None], smooth, self.f0)
+            noise[told] = settled(local_noise(smooth, self.graph), self.parts)[told]
+        lam = self.lam
+        if lam is None:
+            degree = self.parts.means(np.diff(self.graph.indptr).astype(np.float64))[labels]
+            lam = fidelities_to_values(degree, noise, p, self.f0.shape[1])
+            lam[far] = 0.0
+            warn_unknown(unknown[self.used], LEFT)
+        found = self._regularized("values", p, _alike(lam), smooth if self.lam is None else None)
+        known = noise[~np.isnan(noise)]
+        sigma = float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+        return replace(found, sigma=sigma, noise=noise, spikes=int(far.sum()), unknown=int(unknown.sum()))
 
-    def _found(
-        self,
-        value: FloatArray,
-        filter: str,
-        results: Iterable[Result],
-        *,
-        sigma: float,
-        estimated: bool,
-        p: float,
-        lam: float | FloatArray,
-    ) -> MeshDenoising:
+    def _found(self, value: FloatArray, filter: str, results: Iterable[Result], **more: Any) -> MeshDenoising:
+        sigma, measured = self.sigma, "noise" in self.__dict__
+        if sigma is None:
+            sigma = self.noise.whole if measured else math.nan
+        unknown = np.isnan(self.noise.parts[self.used]) if measured and self.sigma is None else np.zeros(0, bool)
+        warn_unknown(unknown, LEFT)
+        sizes = self.edges[self.parts.labels[self.graph.edge_rows()]]
         return MeshDenoising(
-            value=value, filter=filter, results=tuple(results), sigma=sigma, estimated=estimated, p=p, lam=lam,
-            surface=self.surface, edge=self.edge,
-        )  # fmt: skip
+            value=value,
+            filter=filter,
+            results=tuple(results),
+            sigma=sigma,
+            estimated=self.sigma is None,
+            surface=self.surface,
+            edge=float(sizes.mean()) if sizes.size else 0.0,
+            noise=self.noise.local if measured else np.empty(0),
+            spikes=int(self.noise.spikes.sum()) if measured else 0,
+            components=int(self.used.sum()),
+            unknown=int(unknown.sum()),
+            **more,
+        )
 
-    def _regularized(self, name: str, sigma: float, estimated: bool, p: float, rule: float) -> MeshDenoising:
-        """Regularize the function on the graph of the mesh, with the given fidelity or the default, `rule`."""
-        lam = rule if self.lam is None else self.lam
-        f, results = self.f0, []
-        if not (isinstance(lam, float) and math.isinf(lam)):
-            held = np.where(self.pinned, math.inf, lam) if self.pinned.any() else lam
-            most = 100 if self.max_iter is None else self.max_iter
-            results = [regularize(f, self.graph, p=p, lam=held, weights=self.weights, max_iter=most, **self.options)]
-            f = results[0].value.astype(np.float64)
-        return self._found(f, name, results, sigma=sigma, estimated=estimated, p=p, lam=lam)
+    def _regularized(
+        self, name: str, p: float, lam: float | FloatArray, smooth: FloatArray | None = None
+    ) -> MeshDenoising:
+        """Regularize the function on the graph of the mesh; `smooth`, (k, m), is it without spikes or impulses.
 
-    def _by_normals(self, sigma: float, estimated: bool) -> MeshDenoising:
-        """Fit the vertices to regularized normals, with the given fidelity or the default.
-
-        The default is multiplied by four while the vertices move by more than noise would. With thin triangles, or few
-        triangles on a round shape, the normals differ by shape and not by noise: a cylinder of 64 vertices lost its
-        whole volume.
+        Each component is regularized around its median, over the range of its values: so the smoothing eps of the
+        gradient norm is that of the component alone, whatever others and a few far values are.
         """
-        lam = fidelity_to_normals(self.turned)
-        found = self._fitted(sigma, estimated, lam)
-        for _ in range(_TRIES):
-            moved = float(np.sqrt(((found.value - self.f0) ** 2).sum(axis=1).mean()))
-            if self.lam is not None or not found.results or moved <= _BELIEVABLE * sigma:
+        f, results = self.f0, []
+        if not np.all(np.isinf(lam)):
+            f = f if smooth is None else np.where(self.pinned[:, None], f, smooth)
+            middle, scale = self._frame(p)
+            held = lam * scale[:, 0] ** (2 - p) if np.any(scale != 1) else lam
+            held = np.where(self.pinned, math.inf, held) if self.pinned.any() else held
+            options: Model = dict(self.options)  # type: ignore[assignment]
+            if p != 2 and np.any(scale != 1) and resolve(options.get("solver", "jacobi")).smooths:
+                options["eps"] = _EPS
+            most = 100 if self.max_iter is None else self.max_iter
+            results = [
+                regularize(
+                    (f - middle) / scale, self.graph, p=p, lam=held, weights=self.weights, max_iter=most, **options
+                )
+            ]
+            f = middle + scale * results[0].value.astype(np.float64)
+        return self._found(f, name, results, p=p, lam=lam)
+
+    def _frame(self, p: float) -> tuple[FloatArray, FloatArray]:
+        """Return for each vertex the median of its component, (k, m), and the range of its values, (k, 1)."""
+        parts, f = self.parts, self.f0
+        middle = f - parts.centred(f)
+        scale = np.ones((len(f), 1))
+        # given weights and eps are in the units of the data
+        if self.options.get("eps") is not None or not isinstance(self.weights, Cotangent | None):
+            return middle, scale
+        found = np.linalg.norm([ranges(x, parts) for x in f.T], axis=0)
+        whole = np.linalg.norm([parts.quantiles(x, 1.0) - parts.quantiles(x, 0.0) for x in f.T], axis=0)
+        found = np.where(found > 0, found, np.where(whole > 0, whole, 1.0))
+        if p == 2:
+            # the result does not depend on the scale, but float32 has a smallest and a largest number
+            found = 2.0 ** np.rint(np.log2(found))
+        return middle, found[parts.labels][:, None]
+
+    def _by_normals(self) -> MeshDenoising:
+        """Fit the vertices to regularized normals, with the given fidelity or the default of each component.
+
+        The default is multiplied by four while the vertices of a component move by more than noise would. With thin
+        triangles, or few triangles on a round shape, the normals differ by shape and not by noise: a cylinder of 64
+        vertices lost its whole volume.
+        """
+        lam = self.lam
+        if lam is not None:
+            return self._fitted(lam[self.faces].mean(axis=1) if isinstance(lam, np.ndarray) else lam)
+        sigma = self._of_parts()
+        of_face = self.parts.labels[self.faces[:, 0]]
+        turned = noise_of_normals(
+            face_normals(self.positions, self.faces), *adjacent_faces(self.faces), self.parts, of_face
+        )
+        rule = np.where(sigma > 0, [fidelity_to_normals(float(x)) for x in turned], np.inf)
+        for _ in range(_TRIES + 1):
+            found = self._fitted(_alike(rule[of_face]))
+            moved = np.sqrt(self.parts.means(((found.value - self.f0) ** 2).sum(axis=1)))
+            far = moved > BELIEVABLE * sigma
+            if not far.any() or not found.results:
                 break
-            lam *= 4
-            found = self._fitted(sigma, estimated, lam)
+            rule = np.where(far, 4 * rule, rule)
         return found
 
-    def _fitted(self, sigma: float, estimated: bool, rule: float) -> MeshDenoising:
+    def _fitted(self, lam: float | FloatArray) -> MeshDenoising:
         p = 1.0 if self.p is None else self.p
-        lam = self.lam
-        if isinstance(lam, np.ndarray):
-            lam = lam[self.faces].mean(axis=1)
-        used = rule if lam is None else lam
         normals, results = regularized_normals(
             self.positions,
             self.faces,
-            used,
+            lam,
             p=p,
             weights=self.weights,
             rounds=_ROUNDS if self.weights is None else 1,
@@ -214,15 +299,21 @@ class Task:
         )
         f = self.f0
         if results:
-            f = fitted_vertices(self.positions, self.faces, normals, ~self.pinned, _FIT)
-        return self._found(f, "normals", results, sigma=sigma, estimated=estimated, p=p, lam=used)
+            moved = fitted_vertices(self.positions, self.faces, normals, ~self.pinned, _FIT)
+            f = f + (moved - self.positions)
+        return self._found(f, "normals", results, p=p, lam=lam)
 
     def taubin(self) -> MeshDenoising:
         """Alternate steps towards the mean of the neighbours and away from it."""
-        f, results = self.f0, []
+        f, results = self.positions, []
         options: Model = {**self.options, "solver": Jacobi(damping=1), "tol": None}
         for k in range(10 if self.max_iter is None else self.max_iter):
             results.append(regularize(f, self.graph, p=2, lam=0, weights=self.weights, max_iter=1, **options))
             step = TAUBIN[k % 2] * (results[-1].value - f)
             f = np.where(self.pinned[:, None], f, f + step)
-        return self._found(f, "Taubin", results, sigma=0.0, estimated=False, p=2.0, lam=0.0)
+        return self._found(self.f0 + (f - self.positions), "Taubin", results, p=2.0, lam=0.0)
+
+
+def _alike(lam: float | FloatArray) -> float | FloatArray:
+    """Return one number in the place of equal ones."""
+    return float(lam[0]) if isinstance(lam, np.ndarray) and (lam == lam[0]).all() else lam

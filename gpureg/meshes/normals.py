@@ -8,15 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.of_shapes import face_graph
 from ..model.result import Result
 from ..regularization.options import Model
 from ..regularization.regularize import regularize
-from ..shapes.surface import face_normals
+from ..shapes.surface import face_normals, incidence
 from ..weights import Weights, bilateral, guided
 
 # Scale of the weights between normals after the first round, a distance of unit vectors (20 degrees).
 REACH = 0.35
+
+# For noisy normals: the distance from the mean of three neighbours over that from one neighbour (measured on five
+# meshes: 0.80 to 0.83).
+_ACROSS = 0.82
 
 # Rounds that search for faces that are turned over, and steps that fit their vertices again. On a nut with noise of
 # 0.3 edges this leaves 2 of 284 such faces, and a mean error of the normals of 7.6 instead of 22 degrees.
@@ -72,49 +77,94 @@ def regularized_normals(
     for k in range(1 if weights is not None else rounds):
         chosen = guided(bilateral(np.inf, REACH), normals) if weights is None and k > 0 else weights
         results.append(regularize(n0, graph, p=p, lam=fidelity, weights=chosen, max_iter=max_iter, **options))
-        normals = _units(results[-1].value.astype(np.float64), n0)
+        normals = units(results[-1].value.astype(np.float64), n0)
     return normals, results
 
 
-def _units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
+def noise_of_normals(normals: FloatArray, u: IntArray, v: IntArray, parts: Components, of_face: IntArray) -> FloatArray:
+    """Compute the median distance of a unit normal (F, 3) from the mean of its neighbours in each component, (c,).
+
+    Edge i joins the faces u[i] and v[i]; `of_face`, (F,), are the components of the faces. The distance is bounded by
+    the median distance across an edge: on mechanical parts many faces touch a crease, but most edges are flat.
+    """
+    n = len(normals)
+    count = np.bincount(u, minlength=n) + np.bincount(v, minlength=n)
+    there = (count > 0) & normals.any(axis=1)
+    sums = [np.bincount(u, x[v], n) + np.bincount(v, x[u], n) for x in np.ascontiguousarray(normals.T)]
+    apart = np.linalg.norm(normals - np.stack(sums, axis=1) / np.maximum(count, 1)[:, None], axis=1)
+    both = there[u] & there[v]
+    across = np.linalg.norm(normals[u] - normals[v], axis=1)[both]
+    medians = parts.medians(apart[there], of_face[there]), parts.medians(across, of_face[u][both])
+    noise: FloatArray = np.nan_to_num(np.minimum(medians[0], _ACROSS * medians[1]))
+    return noise
+
+
+def units(vectors: FloatArray, instead: FloatArray) -> FloatArray:
     """Scale vectors (F, 3) to length 1; replace those of length 0 by the rows of `instead`, (F, 3)."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1), instead)
 
 
 def fitted_vertices(
-    vertices: FloatArray, faces: IntArray, normals: FloatArray, moves: npt.NDArray[Any], steps: int
+    vertices: FloatArray,
+    faces: IntArray,
+    normals: FloatArray,
+    moves: npt.NDArray[Any],
+    steps: int,
+    weights: FloatArray | None = None,
 ) -> FloatArray:
     """Move vertices (n, 3) so that the faces become perpendicular to the given normals, (F, 3); `moves` is (n,).
 
     Each step moves a vertex v by moves(v) times the mean over its faces of n_f (n_f . (c_f - v)), where c_f is the
     centre of the face: the update of Sun, Rosin, Martin and Langbein (IEEE TVCG 13(5), 2007), which decreases
-    sum_f sum_edges (n_f . edge)^2 and needs no step size. A face can stay turned over where noise folded the mesh: its
-    vertices are then moved halfway to the mean of their neighbours and fitted again.
+    sum_f sum_edges (n_f . edge)^2 and needs no step size. `weights`, (F,), are those of the mean; None: 1. A face can
+    stay turned over where noise folded the mesh: its vertices are then moved halfway to the mean of their neighbours
+    and fitted again.
     """
-    from scipy import sparse
-
-    at = (faces.ravel(), np.repeat(np.arange(len(faces)), 3))
-    gather = sparse.csr_array((np.ones(faces.size), at), shape=(len(vertices), len(faces)))
-    step = moves / np.maximum(gather.sum(axis=1), 1)
-    # sum_f n_f n_f^T, the same in all steps
-    outer = np.asarray(gather @ (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
-    v = vertices.copy()
-
-    def fit(step: FloatArray, steps: int) -> None:
-        for _ in range(steps):
-            planes = (normals * (v[faces[:, 0]] + v[faces[:, 1]] + v[faces[:, 2]])).sum(axis=1) / 3
-            v[:] += step[:, None] * (gather @ (normals * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
-
-    fit(step, steps)
+    gather = incidence(faces, len(vertices))
+    scatter = gather.T.tocsr()
+    b = np.ones(len(faces)) if weights is None else weights
+    total = gather @ b
+    step = moves / np.where(total > 0, total, 1)
+    weighted = normals * b[:, None]
+    # sum_f b_f n_f n_f^T, the same in all steps
+    outer = np.asarray(gather @ (weighted[:, :, None] * normals[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
+    v = _fitted(vertices, normals, weighted, gather, scatter, step, outer, steps)
+    half = moves / np.maximum(gather.sum(axis=1), 1) / 2
     for _ in range(_UNFOLD):
         folded = (face_normals(v, faces) * normals).sum(axis=1) < 0
         if not folded.any():
             break
-        there = np.zeros(len(v), bool)
-        there[faces[folded]] = True
+        there = np.unique(faces[folded])
+        some = gather[there]
         # each neighbour of an inner vertex belongs to two of its faces
-        to_mean = (gather @ v[faces].sum(axis=1)) * (step / 2)[:, None] - 1.5 * v * np.asarray(moves)[:, None]
-        v[there] += 0.5 * to_mean[there]
-        fit(np.where(there, step, 0.0), _REFIT)
+        to_mean = (some @ (scatter @ v)) * half[there, None] - 1.5 * v[there] * np.asarray(moves)[there, None]
+        v[there] += 0.5 * to_mean
+        # only the faces around them are needed, and all corners of these
+        near = np.unique(some.indices)
+        corners = np.unique(faces[near])
+        inner = gather[corners][:, near]
+        at = np.searchsorted(corners, there)
+        own = np.zeros(len(corners))
+        own[at] = step[there]
+        part = normals[near], weighted[near], inner, scatter[near][:, corners]
+        v[corners] = _fitted(v[corners], *part, own, outer[corners], _REFIT)
+    return v
+
+
+def _fitted(
+    vertices: FloatArray,
+    normals: FloatArray,
+    weighted: FloatArray,
+    gather: Any,
+    scatter: Any,
+    step: FloatArray,
+    outer: FloatArray,
+    steps: int,
+) -> FloatArray:
+    """Do steps of :func:`fitted_vertices` on vertices (n, 3), with its tables for them and their faces."""
+    v = vertices
+    for _ in range(steps):
+        planes = np.einsum("fi,fi->f", normals, scatter @ v) / 3
+        v = v + step[:, None] * (gather @ (weighted * planes[:, None]) - np.einsum("nij,nj->ni", outer, v))
     return v

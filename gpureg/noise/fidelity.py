@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..graphs.csr import Graph
 
 
@@ -15,6 +16,14 @@ def fidelity_to_values(graph: Graph, sigma: float, p: float, m: int) -> float:
     # the gradient norm contains the noise of all channels
     together = sigma * math.sqrt(m)
     return float(1.1 * degree ** (p / 2) * together ** (p - 2)) if sigma > 0 else math.inf
+
+
+def fidelities_to_values(degree: FloatArray, sigma: FloatArray, p: float, m: int) -> FloatArray:
+    """Compute the fidelity of :func:`fidelity_to_values` from one mean degree and one sigma per vertex, (n,) each."""
+    together = sigma * math.sqrt(m)
+    some = together > 0
+    found: FloatArray = np.where(some, 1.1 * degree ** (p / 2) * np.where(some, together, 1.0) ** (p - 2), np.inf)
+    return found
 
 
 def fidelity_to_normals(noise: float) -> float:

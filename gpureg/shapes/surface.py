@@ -11,9 +11,13 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, all_finite, checked_faces, checked_points
 from ..doors import outside
-from ..graphs.of_shapes import face_edges
+from ..graphs.of_shapes import face_edges, with_three_corners
 from .carried import Carried
 from .makers import Maker, of_open3d, of_pair, of_pyvista, of_trimesh
+from .welding import same_points
+
+# Height of a triangle over its longest edge from which on it has an area.
+_FLAT = 1e-7
 
 KINDS = "(vertices, faces), or a mesh of trimesh, PyVista or Open3D"
 
@@ -50,22 +54,14 @@ class Surface:
         """Merge vertices at the same point; return the surface and the new index of each vertex, (n,).
 
         STL files repeat a vertex for each of its faces, other files at the seams of textures: in a graph the copies
-        would be borders, along which the surface tears.
+        would be borders, along which the surface tears. Vertices closer than 1e-5 edges are at the same point, which
+        gets the position of the first one.
         """
-        # equal points have equal sums; different points seldom do, and are then compared
-        x, y, z = self.vertices.T
-        sums = np.sort(x + np.sqrt(2) * y + np.sqrt(3) * z)
-        if (sums[1:] != sums[:-1]).all():
+        which = same_points(self.vertices, self.faces)
+        if which is None:
             return self, np.arange(len(self.vertices))
-        points, first, which = np.unique(self.vertices, axis=0, return_index=True, return_inverse=True)
-        if len(points) == len(self.vertices):
-            return self, np.arange(len(points))
-        # in the order of their first copies, so that meshes with equal faces still have equal faces
-        order = np.argsort(first)
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        which = place[which.ravel()]
-        return replace(self, vertices=points[order], faces=which[self.faces]), which
+        first = np.unique(which, return_index=True)[1]
+        return replace(self, vertices=self.vertices[first], faces=which[self.faces]), which
 
 
 def surface_of(mesh: Any, faces: npt.ArrayLike | None = None) -> Surface:
@@ -171,6 +167,16 @@ def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return normals
 
 
+def proper_faces(vertices: FloatArray, faces: IntArray) -> npt.NDArray[np.bool_]:
+    """Find the triangles with an area, (F,) bool: three corners, and a height above 1e-7 of the longest edge."""
+    corners = [vertices[faces[:, k]] for k in range(3)]
+    longest = np.max([((corners[k] - corners[k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0)
+    area = np.linalg.norm(face_vectors(vertices, faces), axis=1)
+    # a repeated corner makes two edges equal, whose product is rounding
+    proper: npt.NDArray[np.bool_] = with_three_corners(faces) & (2 * area > _FLAT * longest)
+    return proper
+
+
 def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
     """Find the vertices on an edge with only one face, (n,) bool."""
     edges = np.sort(face_edges(faces), axis=1)
@@ -180,14 +186,17 @@ def border_vertices(faces: IntArray, n_vertices: int) -> npt.NDArray[np.bool_]:
     return border
 
 
-def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute unit normals at the vertices, (n, 3): means over their faces weighted by area; 0 without a face."""
+def incidence(faces: IntArray, n_vertices: int) -> Any:
+    """Return the CSR matrix (n, F) that sums a function of the faces (F, 3) over the faces around each vertex."""
     from scipy import sparse
 
-    corners = faces.ravel()
-    at = (corners, np.repeat(np.arange(len(faces)), 3))
-    gather = sparse.csr_array((np.ones(len(corners)), at), shape=(len(vertices), len(faces)))
-    sums: FloatArray = gather @ face_vectors(vertices, faces)
+    at = (faces.ravel(), np.repeat(np.arange(len(faces)), faces.shape[1]))
+    return sparse.csr_array((np.ones(faces.size), at), shape=(n_vertices, len(faces)))
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Compute unit normals at the vertices, (n, 3): means over their faces weighted by area; 0 without a face."""
+    sums: FloatArray = incidence(faces, len(vertices)) @ face_vectors(vertices, faces)
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
     normals: FloatArray = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
     return normals

@@ -11,10 +11,12 @@ from ..arrays import FloatArray, IntArray, checked_faces
 from ..doors import door
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph
+from ..graphs.of_shapes import with_three_corners
 from .base import EdgeWeights
 
-# Largest cotangent, for an angle of 0.06 degrees: for a triangle without area it would be infinite.
-_MOST = 1e3
+# Largest cotangent, for an angle of 0.06 degrees, and twice the area over the square of the longest edge of a triangle
+# without area, which has no weights.
+_MOST, _FLAT = 1e3, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,9 @@ class Cotangent(EdgeWeights):
             raise ValueError("cotangent weights need a graph with positions, as gpureg.mesh_graph makes it")
         n = graph.n_vertices
         faces = checked_faces(self.faces, n)
+        faces = faces[with_three_corners(faces)]
         at = [graph.positions[faces[:, k]] for k in range(3)]
+        longest = np.max([((at[k] - at[k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0, initial=0)
         cotangents, rows, columns = [], [], []
         for k in range(3):
             # the angle at corner k is opposite the edge between the two others
@@ -40,7 +44,8 @@ class Cotangent(EdgeWeights):
             along = (to * other).sum(axis=1)
             # Lagrange's identity gives |to x other| in any dimension
             across = np.sqrt(np.maximum((to**2).sum(axis=1) * (other**2).sum(axis=1) - along**2, 0))
-            cotangents.append(along / np.maximum(across, np.maximum(np.abs(along) / _MOST, np.finfo(float).tiny)))
+            cotangent = along / np.maximum(across, np.maximum(np.abs(along) / _MOST, np.finfo(float).tiny))
+            cotangents.append(np.where(across > _FLAT * longest, cotangent, 0.0))
             rows.append(faces[:, (k + 1) % 3])
             columns.append(faces[:, (k + 2) % 3])
         i, j, half = np.concatenate(rows), np.concatenate(columns), np.concatenate(cotangents) / 2
@@ -58,7 +63,7 @@ def cotangent(faces: npt.ArrayLike) -> Cotangent:
 
     They give the Laplacian of the surface for triangles of any shape, so that vertices do not slide along it. If the
     two angles sum to more than 180 degrees, the sum is negative and the weight is set to 0. Angles below 0.06 degrees
-    are replaced by 0.06 degrees.
+    are replaced by 0.06 degrees. Faces without area have no weights.
 
     Parameters
     ----------

@@ -346,8 +346,11 @@ def test_cotangents_of_triangles_without_area_are_finite():
 def test_what_was_done_is_told():
     vertices = noisy(SPHERE, 0.2)
     surface = surface_of(vertices, SPHERE.faces)
-    assert denoised(surface).describe().startswith("normals of the faces, vertices moved to fit them; p = 1, lam = ")
-    assert denoised(surface).describe().endswith("3 rounds of 30 iterations")
+    found = denoised(surface)
+    what = "normals of the faces, vertices moved to fit them"
+    assert found.describe() == f"{what}; guided, p = 2, {found.rounds[0]} rounds of 3 iterations"
+    assert denoised(surface, p=1).describe().startswith(f"{what}; p = 1, lam = ")
+    assert denoised(surface, p=1).describe().endswith("3 rounds of 30 iterations")
     assert denoised(surface, filter="positions", lam=0.25, max_iter=9).describe() == (
         "positions of the vertices; p = 2, lam = 0.25, 9 iterations"
     )
