@@ -26,7 +26,6 @@ from .plan import DenoisePlan
 from .prepare import prepared
 from .raster import Raster
 from .run import expect_one_sweep, solve
-from .split import may_squeeze
 from .window import window_of
 
 # Noise of an image of integers above this is more than rounding.
@@ -92,7 +91,7 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     asked = cast("Choice", CHOICE | options)
     raster = Raster.of(image, asked["channel_axis"], asked["mask"])
     check_choice(asked, raster)
-    if raster.thin_axes and may_squeeze(asked["weights"], asked["guide"]):
+    if raster.thin_axes and _may_squeeze(asked):
         asked, raster = _squeezed(asked, raster), raster.without_thin_axes()
     noise = noise_of(raster, asked["sigma"], needed=follow_from_noise(asked))
     given, _ = named_weights(asked, noise, raster)
@@ -134,6 +133,15 @@ def each_channel(raster: Raster, **options: Unpack[Choice]) -> DenoisePlan:
 def _flat_side(raster: Raster) -> int:
     """Return the side of large areas of equal values."""
     return max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))
+
+
+def _may_squeeze(asked: Choice) -> bool:
+    """Return whether axes of length 1 may be left out: nothing is given that has the shape or the sides of the grid."""
+    return (
+        asked["guide"] is None
+        and asked["h"] is None
+        and (asked["weights"] is None or isinstance(asked["weights"], str))
+    )
 
 
 def _squeezed(asked: Choice, raster: Raster) -> Choice:
@@ -178,7 +186,7 @@ def _plan(raster: Raster, asked: Choice, noise: Noise) -> DenoisePlan:
     if idle and noise.estimated and why_idle is not None and noise.level > _ROUNDING:
         warn(f"{why_idle}: it is returned as it is; give it as floating-point numbers to denoise it")
     spread, flat = 1.0, 0.0
-    if not idle and (course.chooses or course.search is not None):
+    if not idle and asked["max_iter"] != 0 and (course.chooses or course.search is not None):
         spread, flat = contrast(raster, noise, units)
     if not (math.isfinite(noise.level) and math.isfinite(spread)):
         raise ValueError("the image's values are too large to tell signal from noise: rescale them")

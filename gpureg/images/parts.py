@@ -177,7 +177,7 @@ def run_in_parts(
         def on(own: DenoisePlan, part: Raster) -> Result:
             return run_in_parts(own, part, guide=guide, progress=progress, **run)
 
-        result = split(plan, raster, on, guide=guide)
+        result = split(plan, raster, on)
         if result is not None:
             if out is None:
                 return result

@@ -173,7 +173,7 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         again = {**asked, "channel_axis": part.channel_axis, "mask": None}
         return run_plan(own, part, **cast("RunPlan", again))
 
-    parts = split(plan, raster, on, guide=asked["guide"])
+    parts = split(plan, raster, on)
     if parts is not None:
         return parts
     if plan.max_iter == 0 and not plan.replaces_impulses:

@@ -11,19 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..model.result import Interrupted, Result, Stop
-from ..weights import Weights
 from .plan import DenoisePlan
 from .raster import Raster
 
 Run = Callable[[DenoisePlan, Raster], Result]
 
 
-def may_squeeze(weights: object, guide: object) -> bool:
-    """Return whether axes of length 1 may be left out: nothing is given that has the shape of the grid."""
-    return guide is None and (weights is None or isinstance(weights, str | Weights))
-
-
-def split(plan: DenoisePlan, raster: Raster, run: Run, *, guide: object = None) -> Result | None:
+def split(plan: DenoisePlan, raster: Raster, run: Run) -> Result | None:
     """Run a plan on the image without its thin axes, or on its groups of channels.
 
     Returns
@@ -38,7 +32,7 @@ def split(plan: DenoisePlan, raster: Raster, run: Run, *, guide: object = None) 
     Interrupted
         With the whole image.
     """
-    if raster.thin_axes and may_squeeze(plan.weights, guide):
+    if raster.thin_axes and 0 < len(plan.window) < raster.ndim:
         return _without_thin_axes(plan, raster, run)
     return _in_groups(plan, raster, run) if plan.groups else None
 

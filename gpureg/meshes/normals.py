@@ -14,7 +14,11 @@ from ..model.result import Result
 from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.surface import face_normals, incidence
+from ..solvers import Certified, resolve
 from ..weights import Weights, bilateral, guided
+
+# Smoothing of the gradient norm of unit normals, which does not depend on the mesh.
+_EPS = 2e-3
 
 # Scale of the weights between normals after the first round, a distance of unit vectors (20 degrees).
 REACH = 0.35
@@ -73,6 +77,8 @@ def regularized_normals(
     flat = ~n0.any(axis=1)
     fidelity = np.where(flat, 0.0, lam) if flat.any() else lam
     results: list[Result] = []
+    if p != 2 and options.get("eps") is None and not isinstance(resolve(options.get("solver", "jacobi")), Certified):
+        options["eps"] = _EPS
     normals = n0
     for k in range(1 if weights is not None else rounds):
         chosen = guided(bilateral(np.inf, REACH), normals) if weights is None and k > 0 else weights

@@ -180,7 +180,7 @@ def describe_noise(
     >>> import numpy as np
     >>> image = np.add.outer(np.arange(128.0), np.arange(128.0)) / 4 + np.random.default_rng(7).normal(0, 5, (128, 128))
     >>> print(describe_noise(image))
-    noise: standard deviation 4.658, standard error 3.5 %
+    noise: standard deviation 4.7, standard error 3.5 %
     """
     check_channel_axis(image, channel_axis)
     return report_of(survey(image, channel_axis, mask))

@@ -91,7 +91,7 @@ def estimate_noise(
     >>> import numpy as np
     >>> ramp = np.add.outer(np.arange(128.0), np.arange(128.0))
     >>> round(estimate_noise(ramp + np.random.default_rng(7).normal(0, 5, ramp.shape)), 1)
-    4.9
+    5.0
     """
     per_channel = flag("per_channel", per_channel)
     check_channel_axis(image, channel_axis)

@@ -363,7 +363,8 @@ def test_explain_is_told_before_the_run(tmp_path, noisy):
 def test_the_report_of_one_picture_has_no_new_keys(tmp_path, noisy):
     got = json.loads(done(denoise(noisy, tmp_path / "o.png", "--json")))
     assert list(got) == [
-        *("input", "output", "width", "height", "channels", "dtype", "alpha", "sigma", "sigma_estimated", "filter"),
+        *("input", "output", "width", "height", "channels", "dtype", "alpha", "sigma", "sigma_estimated"),
+        *("noise", "filter"),
         *(
             "p",
             "lam",

@@ -6,8 +6,8 @@ input, and the distance over which one sample can have an effect. ``relations.py
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,6 @@ class Subject:
         Whether a power of two as the unit gives the same bits.
     without : tuple of str
         Relations that this call does not have, such as "flipped" for one with a place of its own.
-    faults : mapping of str to str
-        Relations that do not hold yet, by name, with the reason.
     """
 
     call: Callable[[Array, float, str], Array]
@@ -44,7 +42,6 @@ class Subject:
     reach: int | None = None
     exact: bool = True
     without: tuple[str, ...] = ()
-    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 def picture(seed: int, shape: tuple[int, ...] = (24, 26)) -> Array:
@@ -113,11 +110,9 @@ def on_graph(values: Array, graph: gr.Graph, unit: float, backend: str, **option
     return gr.regularize(values, graph, backend=backend, **model).value
 
 
-OF_THE_RULE = {"thickened": "the rule takes an image with an axis of length 1 for a volume"}
-
 SUBJECTS: dict[str, Subject] = {
-    "denoise_image": Subject(_default, faults=OF_THE_RULE | {"shifted": "the noise is estimated in other units"}),
-    "denoise_image(sigma)": Subject(_with_sigma, faults=OF_THE_RULE),
+    "denoise_image": Subject(_default),
+    "denoise_image(sigma)": Subject(_with_sigma),
     "denoise_image(p=0.5)": Subject(_rough, reach=6, exact=False),
     "denoise_nl_means": Subject(_nl_means, reach=4),
     "denoise_bilateral": Subject(_bilateral, reach=3),
