@@ -66,8 +66,8 @@ def guided_by(
 def contrast(raster: Raster, noise: Noise, units: Sequence[float] | None = None) -> tuple[float, float]:
     """Estimate the range of the image without noise, over all channels in their units, and the share of equal values.
 
-    The range is that of a smoothed copy between the percentiles 0.2 and 99.8, where there is noise: areas of equal
-    values and impulses do not count.
+    The range is that of means of 7 pixels along each axis, where there is noise: areas of equal values, impulses and
+    the outermost thousandths of the values do not count.
     """
     report = noise.report
     if report is None or len(report.channels) != raster.channels or not report.spans:

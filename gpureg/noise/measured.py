@@ -79,7 +79,7 @@ class Measured:
     sparse : bool
         Whether the values are counts of less than 1 on average.
     span : tuple of float
-        The range of the smoothed image where there is noise, from the 0.2nd to the 99.8th percentile; NaN if unknown.
+        The range of means of 7 pixels along each axis, where there is noise; NaN if unknown.
     fields : Fields or None
         The arrays behind it, if it was measured.
     """

@@ -18,6 +18,8 @@ SHORTEST, _BORDER = 32, 6
 _STEPS = (1, 2, 3, 6)
 # Bounds of the tests. White noise gives 1.0 to 1.2 for q13 and q12, because smooth places are chosen.
 _CORRELATED, _PERIOD_TWO, _BLOCKS, _STRIPES = 0.92, 1.35, 1.12, 0.08
+# Standard error of q13 times the square root of the number of pixels, and how many of them it must be below the bound.
+_ERROR, _ERRORS = 1.5, 2.5
 # Below the first bound of q13 the noise may be correlated up to this ratio of q13 and q26: textures have 1.25 and more.
 _STRONGLY, _ALIKE = 0.5, 1.15
 # Impulses are said if the smoothest third of the windows has this share of them; texture makes false ones.
@@ -94,9 +96,10 @@ def whiteness(measured: Measured) -> Whiteness | None:
     share = float(np.count_nonzero(fields.impulses & smooth)) / max(1, int(np.count_nonzero(smooth)))
     periodic = q12 > _PERIOD_TWO
     like = q13 < q26 * (_ALIKE if q13 < _STRONGLY else 1)  # texture has a larger q13 than q26
-    correlated = not periodic and q13 < _CORRELATED and like and measured.texture < _NO_NOISE
+    bound = _CORRELATED * (1 - _ERRORS * _ERROR / math.sqrt(chosen.size))
+    correlated = not periodic and q13 < bound and like and measured.texture < _NO_NOISE
     rows, columns = (_stripes(fields, axis) for axis in (1, 2))
-    bound = _IMPULSES if measured.texture < _TEXTURED else _IMPULSES_TEXTURED
+    least = _IMPULSES if measured.texture < _TEXTURED else _IMPULSES_TEXTURED
     dark = float(np.median(fields.values.ravel()[at]))
     positive = fields.low >= 0 and measured.clipped_low < 0.01
     level = (dark * fields.scale + fields.offset) / (fields.sigma * fields.scale)
@@ -105,7 +108,7 @@ def whiteness(measured: Measured) -> Whiteness | None:
         periodic=periodic,
         blocks=not periodic and max(_steps_by_phase(fields, half, axis) for axis in (1, 2)) > _BLOCKS,
         stripes=not periodic and max(rows, columns) > 0,
-        impulses=not correlated and share > bound,
+        impulses=not correlated and share > least,
         rayleigh=positive and abs(level - _RAYLEIGH) < _CLOSE,
         long_sigma=float(np.sqrt(np.mean(variances[:, 3]) * math.pi / 2 / 6)) * fields.scale,
         blur=_blur(q13) if correlated else 0.0,

@@ -215,6 +215,6 @@ def test_many_files():
     assert result.exit_code == 1 and "1 of 3 files failed" in result.stderr and "broken.csv" in result.stderr
     told = json.loads(result.stdout)
     assert [entry["input"] for entry in told["files"]] == ["a.csv", "b.csv"]
-    failed(call("points", "a.csv", "b.csv", "all.csv"), 2, "named like a file of points")
+    failed(call("points", "a.csv", "b.csv", "all.csv"), 2, "named like a file")
     failed(call("points", "a.csv", "b.csv", "new", "--picture", "x.png"), 2, "--picture is for one file")
     failed(call("points", "a.csv"), 2, "Missing OUT")
