@@ -79,18 +79,23 @@ def _agreement(channels: Sequence[Fields]) -> npt.NDArray[np.float64]:
     hardly any gradient agrees with none.
     """
     axes = channels[0].axes
-    ok: Flags = inner(np.logical_and.reduce([each.usable for each in channels]), axes)
+    # every second row is enough
+    ok: Flags = inner(np.logical_and.reduce([each.usable for each in channels]), axes)[:, ::2]
     number, count = len(channels), int(np.count_nonzero(ok))
+    whole = count == ok.size
     found = np.zeros((number, number))
     for axis in axes:
         others = [other for other in axes if other != axis]
         slopes = []
         for each in channels:
             ndim = each.smooth.ndim
-            slope = each.smooth[along(axis, 2, None, ndim)] - each.smooth[along(axis, None, -2, ndim)]
-            slopes.append((inner(slope, others) * (ok / (2 * each.sigma))).ravel())
+            one, other = (inner(each.smooth[along(axis, i, (i - 2) or None, ndim)], others)[:, ::2] for i in (2, 0))
+            slope = (one - other).ravel()
+            slopes.append(slope if whole else slope * ok.ravel())
         table = np.stack(slopes)
         found += (table @ table.T).astype(np.float64)
+    sizes = np.array([2 * each.sigma for each in channels])
+    found /= sizes * sizes[:, None]
     noise = len(axes) * _OF_SLOPE[len(axes)]
     energy = np.diag(found) - noise * count
     energy = np.where(energy > _CLEAR * noise * math.sqrt(max(count, 1)), energy, np.inf)

@@ -15,8 +15,10 @@ from .steps import Array, inner
 # Number of classes of brightness with equal numbers of pixels, the share of each that is measured, the smoothest, and
 # the fewest pixels of a class; Huber's bound and the rounds of the fit of their line.
 _CLASSES, _SHARE, _FEWEST, _HUBER, _ROUNDS = 24, 0.2, 100, 1.345, 10
+# Bins of the histogram from which the classes follow.
+_BINS = 1 << 14
 # Most pixels that are sorted into classes.
-_MOST = 400_000
+_MOST = 200_000
 # Brightnesses this close to an end of the range, in sigma, are left out if more than this share is clipped there.
 _NEAR, _CLIPPED = 3.0, 0.005
 # Growth is said if the slope is so many times its standard error, the variance grows by this factor from the 5th to the
@@ -81,7 +83,8 @@ def fit_growth(cells: Sequence[Array]) -> Growth | None:
     width = float(means[-1] - means[0])
     slope, level, error = _line((means - middle) / width, variances / unit, counts)
     slope, error, level = slope * unit / width, error * unit / width, level * unit
-    low, high = np.percentile(mean, [5, 95]) - middle
+    some = mean[:: max(1, mean.size // 16384)]
+    low, high = np.percentile(some, [5, 95]) - middle
     least = max(slope * low + level, 0.02 * unit)
     ranks = np.corrcoef(np.argsort(np.argsort(means)), np.argsort(np.argsort(variances)))[0, 1]
     return Growth(
@@ -91,7 +94,7 @@ def fit_growth(cells: Sequence[Array]) -> Growth | None:
         factor=(slope * high + level) / least,
         ranks=float(ranks),
         mean_variance=unit,
-        dark=float(np.percentile(mean, 0.1)),
+        dark=float(np.percentile(some, 0.1)),
     )
 
 
@@ -113,21 +116,42 @@ def cells_of(part: Measured, parts: int = 1) -> Array:
             valid = valid & (np.abs(smooth - (end - fields.offset) / scale) > _NEAR * fields.sigma)
     at = np.flatnonzero(valid)
     at = at[:: at.size * parts // _MOST + 1]
-    square = fields.response.ravel()[at].astype(np.float64) ** 2 / 6.0 ** len(axes)
-    brightness = smooth.ravel()[at].astype(np.float64) * scale + fields.offset
+    response = fields.response.ravel()[at].astype(np.float64)
+    brightness = smooth.ravel()[at].astype(np.float64)
+    brightness *= scale
+    brightness += fields.offset
     with np.errstate(over="ignore", under="ignore"):  # values beyond 1e150 tell nothing
-        return np.stack([brightness, square * scale * scale, texture.ravel()[at].astype(np.float64)])
+        response *= scale / 6.0 ** (len(axes) / 2)
+        response *= response
+    return np.stack([brightness, response, texture.ravel()[at]])
 
 
 def _classes(mean: Array, square: Array, texture: Array) -> tuple[Array, Array, Array]:
     """Return brightness, variance and number of pixels, (k,) each, of the smoothest pixels of classes."""
     found = []
-    for members in np.array_split(np.argsort(mean, kind="stable"), _CLASSES):
+    for members in _of_equal_counts(mean):
         count = max(int(_SHARE * members.size), _FEWEST)
-        chosen = members[np.argpartition(texture[members], min(count, members.size - 1))[:count]]
-        found.append((mean[chosen].mean(), square[chosen].mean(), float(chosen.size)))
-    means, variances, counts = np.array(found).T
+        if members.size >= _FEWEST:
+            chosen = members[np.argpartition(texture[members], min(count, members.size - 1))[:count]]
+            found.append((mean[chosen].mean(dtype=np.float64), square[chosen].mean(dtype=np.float64), chosen.size))
+    means, variances, counts = np.array(found, np.float64).reshape(-1, 3).T
     return means, variances, counts
+
+
+def _of_equal_counts(mean: Array) -> list[npt.NDArray[np.intp]]:
+    """Return the indices of the pixels of each class of brightness: equal counts, up to a bin of the histogram."""
+    low, high = float(mean.min()), float(mean.max())
+    if high <= low:
+        return []
+    bins = ((mean - low) * (_BINS / (high - low))).astype(np.int32)
+    np.minimum(bins, _BINS - 1, out=bins)
+    cumulated = np.cumsum(np.bincount(bins, minlength=_BINS))
+    # the class of a bin is that of its middle pixel
+    middle = cumulated - 0.5 * np.diff(cumulated, prepend=0)
+    of_bin = np.minimum(middle * (_CLASSES / mean.size), _CLASSES - 1).astype(np.uint8)
+    of_pixel = of_bin[bins]
+    order = np.argsort(of_pixel, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(of_pixel, minlength=_CLASSES))[:-1])
 
 
 def _line(means: Array, variances: Array, counts: Array) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,13 @@ from .steps import (
     halved,
     inner,
     median_of_three,
+    rms_of_smoothest,
     second_difference,
-    smallest,
     smoothed,
 )
 
-# Share of the pixels that is measured, the smoothest ones, and the smallest number of them.
-SMOOTHEST, AT_LEAST = 0.1, 1000
+# Share of the pixels that is measured, the smoothest ones.
+SMOOTHEST = 0.1
 # Fewest pixels for the product of second differences, for second differences along one axis, and for any estimate.
 _PRODUCT, _TRIPLES, FEWEST = 400, 30, 50
 # The noise over the median distance to the median of 3 x 3: 1.15 for Gaussian noise.
@@ -110,9 +111,14 @@ class Measuring:
             self.flat = cubes_of(exact, good, self.side, axes)
         self.values = self._scaled()
         self.usable = good & ~self.flat
-        self.medians = self.values
-        for axis in axes[-2:]:
-            self.medians = median_of_three(self.medians, axis)
+
+    @cached_property
+    def medians(self) -> Array:
+        """The medians of 3 x 3 values, nearly."""
+        found = self.values
+        for axis in self.axes[-2:]:
+            found = median_of_three(found, axis)
+        return found
 
     def _rule(self, sigma: float, line: tuple[float, float] | None) -> ImpulseRule:
         """Return what is known of the image, for noise of this standard deviation in its units."""
@@ -157,7 +163,7 @@ class Measuring:
                     share = np.count_nonzero(lone) / self.pixels
                     why = "there are only areas of equal values and single pixels"
                     return Measured("no noise", why, 0.0, **shares, impulses=share, rule=self._rule(0.0, None))
-        step = max(1, self.values.size // 65536)
+        step = max(1, self.values.size // 20000)
         distances = np.abs(self.values - self.medians).ravel()[::step][self.usable.ravel()[::step]]
         if np.count_nonzero(self.usable) < FEWEST or not distances.size:
             return self._only_flat(shares)
@@ -180,7 +186,7 @@ class Measuring:
             return Measured("cannot tell", "no pixel has neighbours that count", **shares)
         fields, count, texture, more = found
         shares |= more
-        shares["span"] = self._span(fields)
+        shares["span"] = self.span(fields.values)
         shares["impulses"] = np.count_nonzero(impulses) / self.pixels
         if fields.sigma == 0:
             why = "neighbouring values do not differ" if texture == 0 else "no second difference"
@@ -202,19 +208,22 @@ class Measuring:
         own = rule.sigma / self.scale
         return impulses_by(self._scene(), rule, own if rule.line is None else self._of_line(rule.line, own))
 
-    def _span(self, fields: Fields) -> tuple[float, float]:
-        """Return the range of means of 7 pixels along each axis, in the image's units; a thousandth is cut at each end.
+    def span(self, values: Array) -> tuple[float, float]:
+        """Return the range of means of 6 or 7 pixels along each axis, in the image's units, without a thousandth.
 
         The cut is made before the means are taken, so that no group of outliers decides.
         """
-        step = max(1, fields.values.size // (1 << 16))
-        some = fields.values.ravel()[::step][fields.usable.ravel()[::step]]
+        step = max(1, values.size // (1 << 14))
+        some = values.ravel()[::step][self.usable.ravel()[::step]]
         if not some.size:
             return math.nan, math.nan
-        known = np.clip(fields.values, *np.percentile(some, [0.1, 99.9]).astype(np.float32))
-        window = [1] + [7] * len(self.axes)
-        mean = box_mean(known, window) if fields.usable.all() else self._known_mean(known, fields.usable, window)
-        inside = mean[fields.usable]
+        known = np.clip(values, *np.percentile(some, [0.1, 99.9]).astype(np.float32))
+        whole = bool(self.usable.all())
+        if whole and known.size > _LARGE:
+            inside = box_mean(halved(known, self.axes), [1] + [3] * len(self.axes))
+        else:
+            window = [1] + [7] * len(self.axes)
+            inside = (box_mean(known, window) if whole else self._known_mean(known, self.usable, window))[self.usable]
         low, high = (float(end) * self.scale + self.offset for end in (inside.min(), inside.max()))
         return low, high
 
@@ -254,7 +263,7 @@ class Measuring:
         valid = valid & inner(centres, axes)
         enough = _PRODUCT if len(axes) > 1 else 100
         if np.count_nonzero(valid) >= enough:
-            sigma, count, middle = _rms(response, valid, inner(texture, axes), share, 6.0 ** len(axes))
+            sigma, count, middle = rms_of_smoothest(response, valid, inner(texture, axes), share, 6.0 ** len(axes))
         else:
             single = self._along_one_axis(values, usable, centres, texture, share)
             if single is None:
@@ -323,7 +332,9 @@ class Measuring:
         for axis in self.axes:
             valid = all_three(usable, axis) & inner(centres, (axis,))
             if np.count_nonzero(valid) >= _TRIPLES:
-                found.append(_rms(second_difference(values, axis), valid, inner(texture, (axis,)), share, 6.0))
+                found.append(
+                    rms_of_smoothest(second_difference(values, axis), valid, inner(texture, (axis,)), share, 6.0)
+                )
         if found:
             return min(found)
         ndim = values.ndim
@@ -334,13 +345,3 @@ class Measuring:
                 if steps.size >= _TRIPLES:
                     found.append((float(np.median(steps)) / MEDIAN / math.sqrt(2), int(steps.size), 0.0))
         return min(found) if found else None
-
-
-def _rms(response: Array, valid: Flags, texture: Array, share: float, energy: float) -> tuple[float, int, float]:
-    """Return sigma, the number of pixels and their median texture, from the smoothest share of the valid pixels."""
-    at = np.flatnonzero(valid)
-    of = texture.ravel()[at]
-    count = max(int(share * at.size), min(AT_LEAST, at.size // 2))
-    chosen = smallest(of, count)
-    squares = response.ravel()[at[chosen]].astype(np.float64) ** 2
-    return math.sqrt(float(squares.mean()) / energy), int(chosen.size), float(np.median(of[chosen]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 Flags = npt.NDArray[np.bool_]
+# Smallest number of pixels that are measured, if there are so many.
+AT_LEAST = 1000
 
 
 def along(axis: int, start: int | None, stop: int | None, ndim: int) -> tuple[slice, ...]:
@@ -126,3 +129,15 @@ def smallest(values: Array, count: int) -> npt.NDArray[np.intp]:
     sample = values[:: max(1, values.size // 16384)] if values.size > 40000 else values
     place = min(sample.size - 1, max(1, int(count / values.size * sample.size)))
     return np.flatnonzero(values <= np.partition(sample, place)[place])
+
+
+def rms_of_smoothest(
+    response: Array, valid: Flags, texture: Array, share: float, energy: float
+) -> tuple[float, int, float]:
+    """Return sigma, the number of pixels and their median texture, from the smoothest share of the valid pixels."""
+    at = np.flatnonzero(valid)
+    of = texture.ravel()[at]
+    count = max(int(share * at.size), min(AT_LEAST, at.size // 2))
+    chosen = smallest(of, count)
+    squares = response.ravel()[at[chosen]].astype(np.float64) ** 2
+    return math.sqrt(float(squares.mean()) / energy), int(chosen.size), float(np.median(of[chosen]))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .blocks import Block, blocks, channels_of
 from .channels import PLANES, Relations, relate
 from .growth import Growth, cells_of, fit_growth
-from .measure import measure
+from .measure import Measuring, measure
 from .measured import Measured, State
 from .steps import Array
 from .whiteness import Whiteness, whiteness
@@ -59,7 +59,7 @@ class Channel:
     @property
     def span(self) -> tuple[float, float]:
         """The range of the smoothed channel where there is noise; NaN if nothing is known."""
-        return _span(self.parts)
+        return _joined([part.span for part in self.parts])
 
     @property
     def why(self) -> str:
@@ -163,14 +163,28 @@ def spans_of(
 
     The ranges are NaN where nothing is known.
     """
-    channels = measure_channels(image, channel_axis, mask)
-    shares = [max((part.flat for part in parts), default=0.0) for parts in channels]
-    return tuple(map(_span, channels)), min(shares)
+    channels, inside = channels_of(image, channel_axis, mask)
+    spans, shares = [], []
+    for channel in channels:
+        found = [_seen(block) for part in blocks(channel, inside) for block in part]
+        spans.append(_joined([span for span, _ in found]))
+        shares.append(max((share for _, share in found), default=0.0))
+    return tuple(spans), min(shares)
 
 
-def _span(parts: Sequence[Measured]) -> tuple[float, float]:
-    """Return the range over the parts of a channel."""
-    known = [part.span for part in parts if not math.isnan(part.span[0])]
+def _seen(block: Block) -> tuple[tuple[float, float], float]:
+    """Return the range of a block where there may be noise, NaN if unknown, and the share of areas of equal values."""
+    good = block.good
+    pixels = int(np.count_nonzero(good))
+    if not pixels:
+        return (math.nan, math.nan), 0.0
+    work = Measuring(block.values, good, pixels, block.axes)
+    return work.span(work.values), np.count_nonzero(work.flat) / pixels
+
+
+def _joined(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the range over the parts of a channel; NaN if nothing is known."""
+    known = [span for span in spans if not math.isnan(span[0])]
     if not known:
         return math.nan, math.nan
     return min(low for low, _ in known), max(high for _, high in known)

@@ -133,14 +133,21 @@ def gradient_to_noise(
     squares, counts = np.zeros(cells.ndim - 1), np.zeros(cells.ndim - 1)
     limit = _largest_step(cells, axes) / sigma
     for first in range(0, len(cells), rows):
-        band = cells[first : first + rows + 1].astype(np.float64) / sigma
-        inside = np.ones(band.shape[:-1], bool) if mask is None else mask[first : first + rows + 1]
-        known = inside[..., None] & np.ones(band.shape[-1], bool)
-        known &= ~flat_areas(band, known, range(band.ndim - 1), whole=whole)[0]
+        exact = cells[first : first + rows + 1]
+        inside = np.ones(exact.shape[:-1], bool) if mask is None else mask[first : first + rows + 1]
+        known = inside[..., None] & np.ones(exact.shape[-1], bool)
+        known &= ~flat_areas(exact, known, range(exact.ndim - 1), whole=whole)[0]
+        complete = bool(known.all())
+        band = exact if exact.dtype == np.float32 else exact.astype(np.float64)
         for axis in axes:
             one, other = along(axis, 1, None, band.ndim), along(axis, None, -1, band.ndim)
-            steps = np.minimum(np.abs(band[one] - band[other]), limit)[known[one] & known[other]]
-            squares[axis] += float(np.sum(steps**2))
+            steps = band[one] - band[other]
+            if not complete:
+                steps = steps[known[one] & known[other]]
+            steps *= 1 / sigma
+            np.clip(steps, -limit, limit, out=steps)
+            steps *= steps
+            squares[axis] += float(np.sum(steps, dtype=np.float64))
             counts[axis] += steps.size
     total = sum(max(squares[axis] / counts[axis] - 2, 0.0) for axis in axes if counts[axis])
     return math.sqrt(total / max(1, cells.ndim - 1))

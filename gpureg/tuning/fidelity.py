@@ -9,7 +9,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ..frame import without_extremes
 from ..noise.white import gradient_to_noise
 from .principle import explained, match
 from .risk import Inside, Values, j_invariance, sure
@@ -36,9 +35,7 @@ def lam_rule(
     if not local:
         return scale
     inside = None if mask is None else np.asarray(mask)
-    cells = image[..., None] if channel_axis is None else np.moveaxis(image, channel_axis, -1)
-    # no single sample decides the gradient
-    steps: float = gradient_to_noise(without_extremes(cells, inside), sigma, channel_axis=-1, mask=inside)
+    steps: float = gradient_to_noise(image, sigma, channel_axis=channel_axis, mask=inside)
     channels, ndim = (1, image.ndim) if channel_axis is None else (image.shape[channel_axis], image.ndim - 1)
     # below 0.3 the error of sigma dominates
     detail: float = max(0.3, math.sqrt(2) * steps) ** min(p, 0.4 * p**2)
