@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..doors import door, warn
+from ..frame import Frame
 from ..graphs.grid import GridGraph
 from ..noise.flat import large_side
 from ..tuning.fidelity import LamMethod, choose_lam
@@ -130,6 +131,15 @@ def each_channel(raster: Raster, **options: Unpack[Choice]) -> DenoisePlan:
     return replace(plans[0], sigma=total, sigmas=levels, groups=groups, same=tuple(range(count)), report=None)
 
 
+def _frame(raster: Raster, units: Sequence[float] | None) -> Frame:
+    """Return the offset and the unit of the values, from about 2^16 pixels."""
+    values = raster.cells.reshape(-1, raster.channels)
+    if raster.inside is not None:
+        values = values[raster.inside.ravel()]
+    some = values[:: max(1, len(values) >> 16)].astype(np.float64)
+    return Frame.of(some if units is None else some / np.asarray(units))
+
+
 def _flat_side(raster: Raster) -> int:
     """Return the side of large areas of equal values."""
     return max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))
@@ -227,6 +237,7 @@ def _plan(raster: Raster, asked: Choice, noise: Noise) -> DenoisePlan:
         impulses=noise.impulses if follows and any(rule is not None for rule in noise.impulses) else (),
         units=units or (),
         flat_side=_flat_side(raster) if course.chooses and course.filters and not idle and flat > _FLAT else 0,
+        frame=_frame(raster, units) if course.filters else None,
         report=noise.report,
         reasons=why,
     )

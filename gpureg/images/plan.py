@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..frame import Frame
 from ..graphs.edges import Metric
 from ..noise.impulses import ImpulseRule
 from ..noise.photon import PhotonNoise
@@ -64,6 +65,9 @@ class DenoisePlan:
     flat_side : int
         Areas of exactly equal values with this side or more, which hold no noise, take no part, like pixels outside a
         mask; 0 if all take part.
+    frame : Frame or None
+        The offset and the unit of the values with which a single sweep computes, so that parts of the image give the
+        bits of the whole; None to choose them from the values.
     groups : tuple of (channels, DenoisePlan)
         Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
         other attributes are those of the first group, except `sigma`.
@@ -96,6 +100,7 @@ class DenoisePlan:
     impulses: tuple[ImpulseRule | None, ...] = ()
     units: tuple[float, ...] = ()
     flat_side: int = 0
+    frame: Frame | None = None
     groups: tuple[tuple[tuple[int, ...], DenoisePlan], ...] = ()
     same: tuple[int, ...] = ()
     report: NoiseReport | None = field(default=None, compare=False, repr=False)

@@ -69,7 +69,7 @@ def solve(
         result = regularize(nodes, graph, **common, **process)
         return replace(result, value=result.value.reshape(f0.shape))
     if once:
-        return one_sweep(f0, grid, step=_one_step(plan), **common)
+        return one_sweep(f0, grid, step=_one_step(plan), frame=plan.frame, **common)
     return regularize(f0, grid, **common, **process)
 
 

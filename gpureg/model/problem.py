@@ -183,13 +183,14 @@ class Problem:
         eps: float | None = None,
         dtype: np.dtype[Any] | None,
         smoothed: bool = True,
-        framed: bool = False,
+        framed: bool | Frame = False,
     ) -> Problem:
         """Check the caller's arguments; a ValueError or TypeError says what is wrong.
 
         If not `smoothed`, the solver does not need eps, and its default is 0. If `framed`, the problem is in the units
         of a frame, in which float32 is enough for data of any offset and scale; a dtype of None is then float64 for
-        data with values so far beyond the others that float32 does not hold their squares, otherwise float32.
+        data with values so far beyond the others that float32 does not hold their squares, otherwise float32. A given
+        frame is used, so that a part of the data is computed with as the whole.
         """
         data = as_function(graph, f0, "f0")
         p = number("p", p, above=0)
@@ -211,16 +212,16 @@ class Problem:
             _given_eps(eps, p, _known(graph, data, fidelity), smoothed),
         )
         if framed:
-            problem = problem._in_a_frame(dtype)
+            problem = problem._in_a_frame(dtype, framed if isinstance(framed, Frame) else None)
             dtype = problem.f0.dtype
         problem._check_eps(computed_type(dtype), smoothed)
         return problem
 
-    def _in_a_frame(self, dtype: np.dtype[Any] | None) -> Problem:
+    def _in_a_frame(self, dtype: np.dtype[Any] | None, given: Frame | None = None) -> Problem:
         """Return the problem in the units of a frame, with data of this type."""
         # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
         symmetric = isinstance(self.gamma, str) and not uses_degrees(self.gamma)
-        frame = Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
+        frame = given or Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
         weights = self.weights
         if isinstance(weights, Weights):
             weights = weights.scaled(frame.scale)

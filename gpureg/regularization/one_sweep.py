@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .. import backends
 from ..arrays import FloatArray, all_finite, computed_type
 from ..backends import Backend, Weighted, over_patches
+from ..frame import Frame
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget
 from ..model.problem import Problem
@@ -39,15 +40,17 @@ def one_sweep(
     memory: int | None = None,
     progress: bool = False,
     step: OneStep | None = None,
+    frame: Frame | None = None,
 ) -> Result:
     """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are not stored.
 
     `weights` are bilateral or patch weights. The result has no energy, which would need stored weights. After an
-    interruption there is no iterate. `step` describes differences from a sweep of eq. 25.
+    interruption there is no iterate. `step` describes differences from a sweep of eq. 25; `frame` are the units in which
+    to compute, None to choose them from the data.
     """
     begin = time.perf_counter()
     kind = None if dtype is None else computed_type(dtype)
-    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=True)
+    problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=frame or True)
     device = backends.get(backend, problem.f0.dtype)
     allowed = budget(device, memory)
     step = OneStep() if step is None else step

@@ -35,6 +35,7 @@ def pictures() -> dict[str, tuple[np.ndarray, int | None]]:
         "letterbox": (boxed, None),
         "channels": (two, 0),
         "impulses alone": (np.where(at < 0.02, 255.0, clean), None),
+        "far from 0": (noisy + 1e7 + np.linspace(0, 3000, 160), None),
     }
 
 
@@ -48,6 +49,7 @@ def test_parts_give_the_bits_of_the_whole(name: str) -> None:
         "letterbox": plan.flat_side,
         "channels": len(plan.groups) == 2,
         "impulses alone": plan.max_iter == 0 and plan.replaces_impulses,
+        "far from 0": plan.frame is not None and plan.frame.offset is not None,
     }
     assert expects[name]
     whole = gr.run_plan(plan, image, channel_axis=axis, backend="numpy").value
