@@ -45,8 +45,8 @@ def one_sweep(
     """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are not stored.
 
     `weights` are bilateral or patch weights. The result has no energy, which would need stored weights. After an
-    interruption there is no iterate. `step` describes differences from a sweep of eq. 25; `frame` are the units in which
-    to compute, None to choose them from the data.
+    interruption there is no iterate. `step` describes differences from a sweep of eq. 25; `frame` are the units
+    in which to compute, None to choose them from the data.
     """
     begin = time.perf_counter()
     kind = None if dtype is None else computed_type(dtype)
