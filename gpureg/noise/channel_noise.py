@@ -15,6 +15,8 @@ from .survey import Channel
 
 # Texture energy over sigma^2 from which texture is taken for noise, and shares that are said.
 _TEXTURE, _CLIPPED, _SAID = 0.09, 0.01, 0.001
+# Share of the pixels from which all are said to be measured.
+_NEARLY_ALL = 0.99
 # Least variance of a dark pixel, as a share of sigma^2.
 _DARKEST = 0.05
 
@@ -60,6 +62,11 @@ class ChannelNoise:
         Whether it looks like the noise of a magnitude (Rician), as in magnetic resonance images.
     clipped_low, clipped_high : float
         Shares of the pixels with the smallest and the largest value.
+    pixels, measured : int
+        Number of pixels that count, and of those of them that were looked at: large images and series are measured in
+        evenly spread parts.
+    tested : bool
+        Whether the noise could be tested for being white.
     flat, repeated : float
         Shares of the pixels in areas of exactly equal values, and with values that many pixels have.
     texture : float
@@ -87,6 +94,9 @@ class ChannelNoise:
     rayleigh: bool
     clipped_low: float
     clipped_high: float
+    pixels: int
+    measured: int
+    tested: bool
     flat: float
     repeated: float
     texture: float
@@ -145,7 +155,11 @@ class ChannelNoise:
             yield "texture is everywhere, so that the standard deviation is an upper bound"
 
     def left_out(self) -> Iterator[str]:
-        """Yield sentences about the pixels that were left out of the measurement."""
+        """Yield sentences about what was left out of the measurement."""
+        if self.measured < _NEARLY_ALL * self.pixels:
+            yield f"measured in {self.measured} of {self.pixels} pixels, in evenly spread parts"
+        if self.state == "measured" and not self.tested:
+            yield "too few pixels, or counts that are too rare, to test whether the noise is white"
         if self.flat > _SAID:
             yield f"{100 * self.flat:.3g} % of the pixels lie in areas of equal values and were left out"
         if self.repeated > _SAID:
@@ -180,6 +194,9 @@ def channel_noise(channel: Channel) -> ChannelNoise:
         rayleigh=channel.says("rayleigh"),
         clipped_low=channel.share("clipped_low"),
         clipped_high=channel.share("clipped_high"),
+        pixels=channel.pixels,
+        measured=sum(part.pixels for part in channel.parts),
+        tested=bool(channel.tests),
         flat=channel.share("flat"),
         repeated=channel.share("repeated"),
         texture=float(np.median([part.texture for part in channel.told])) if channel.told else math.nan,

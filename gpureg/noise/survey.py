@@ -32,8 +32,8 @@ class Channel:
     parts : tuple of Measured
     tests : tuple of Whiteness
     growth : Growth or None
-    whole : bool
-        Whether the values are whole numbers of an integer type.
+    pixels : int
+        Number of pixels that count.
     same_as : int or None
         The earlier channel with exactly the same values, whose measures these are.
     """
@@ -41,7 +41,7 @@ class Channel:
     parts: tuple[Measured, ...]
     tests: tuple[Whiteness, ...] = ()
     growth: Growth | None = None
-    whole: bool = False
+    pixels: int = 0
     same_as: int | None = None
 
     @property
@@ -199,6 +199,7 @@ def survey(image: npt.ArrayLike, channel_axis: int | None = None, mask: npt.Arra
         As :func:`gpureg.noise.blocks.channels_of`.
     """
     arrays, inside = channels_of(image, channel_axis, mask)
+    count = arrays[0].size if inside is None else int(np.count_nonzero(inside))
     channels: list[Channel] = []
     compared: list[list[Measured]] = []
     for index, array in enumerate(arrays):
@@ -209,7 +210,7 @@ def survey(image: npt.ArrayLike, channel_axis: int | None = None, mask: npt.Arra
             continue
         cut = [block for part in blocks(array, inside) for block in part]
         found = measured_with_growth(cut, tested=True)
-        channels.append(Channel(tuple(found.parts), tuple(found.tests), found.growth, array.dtype.kind in "iu"))
+        channels.append(Channel(tuple(found.parts), tuple(found.tests), found.growth, count))
         compared.append(found.parts[:PLANES])
     return Survey(tuple(channels), relate(compared) if len(channels) > 1 else None)
 
@@ -237,7 +238,7 @@ def _same(one: Array, other: Array) -> bool:
 
 def _again(channel: Channel, index: int) -> Channel:
     """Return the measures of a channel for one that is equal."""
-    return Channel(channel.parts, channel.tests, channel.growth, channel.whole, index)
+    return Channel(channel.parts, channel.tests, channel.growth, channel.pixels, index)
 
 
 def worst(states: Sequence[State]) -> State:

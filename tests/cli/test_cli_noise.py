@@ -59,7 +59,7 @@ def test_the_noise_as_json(files):
 def test_wrong_calls(files):
     failed(call("noise", "missing.png"), 1, "missing.png")
     failed(denoise("light.tif", "o.tif", "--offset", "100"), 2, "--offset needs --sigma photon")
-    failed(denoise("light.tif", "o.tif", "--sigma", "much"), 2, "is not a number >= 0")
+    failed(denoise("light.tif", "o.tif", "--sigma", "much"), 2, "is neither a number >= 0")
     failed(denoise("light.tif", "o.tif", "--each", "C"), 2, "--each C")
     failed(denoise("colour.png", "o.png", "--sigma", "4,-4,40"), 2, "finite and >= 0 in each channel")
 
