@@ -19,6 +19,8 @@ from .whiteness import Whiteness, whiteness
 
 # Planes of a volume, and of a series, that are tested for noise that is not white.
 _TESTED = 6
+# Pixels of planes that are tested together.
+_PLANE = 1 << 14
 # Share of impulses from which noise that grows with the signal is measured again.
 _SOME = 1e-4
 
@@ -223,8 +225,12 @@ def _tests(block: Block, found: Measured) -> list[Whiteness | None]:
         return [whiteness(found)]
     values = block.values.reshape(-1, *block.values.shape[2:])
     inside = None if block.inside is None else block.inside.reshape(values.shape)
-    places = np.unique(np.linspace(0, len(values) - 1, _TESTED + 2).round().astype(int)[1:-1])
-    planes = [Block(values[i][None], None if inside is None else inside[i][None]) for i in places]
+    # small planes are tested together
+    together = -(-_PLANE // (values.shape[1] * values.shape[2]))
+    count = min(len(values), max(_TESTED, 2 * together))
+    places = np.unique(np.linspace(0, len(values) - 1, count + 2).round().astype(int)[1:-1])
+    groups = [places[i : i + together] for i in range(0, len(places), together)]
+    planes = [Block(values[i], None if inside is None else inside[i]) for i in groups]
     return [whiteness(part) for part in map(measure, planes) if part.state == "measured"]
 
 
