@@ -157,6 +157,14 @@ class DenoisePlan:
         kind += ", adapted to noise that grows with the signal" if self.photon else ""
         return f"{before}{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
 
+    def _origin(self) -> str:
+        """Return where an estimate of the noise comes from."""
+        if any(line is not None for line in self.photon):
+            return "estimated: root mean square over the image"
+        if self.report is not None and any(x.correlated or x.period == 2 for x in self.report.channels):
+            return "estimated from pixels 6 apart"
+        return "estimated from the image where its texture is weakest"
+
     def explain(self) -> str:
         """Describe each parameter in one line: its value and the reason for it."""
         if self.groups:
@@ -164,8 +172,7 @@ class DenoisePlan:
         (w, seen), ndim, one = self.compared(), len(self.window), np.ndim(self.lam) == 0
         rows = {"noise": ("unknown", "not looked for: it decides nothing")}
         if self.sigma is not None:
-            where = "estimated from the image where its texture is weakest"
-            rows["noise"] = f"sigma = {self.sigma:.4g}", where if self.estimated else "given"
+            rows["noise"] = f"sigma = {self.sigma:.4g}", self._origin() if self.estimated else "given"
         if any(line is not None for line in self.photon):
             lines = ", ".join(f"{line.gain:.3g}" for line in self.photon if line is not None)
             rows["growth"] = f"gain = {lines}", "the noise grows with the signal: a map of it is used"
