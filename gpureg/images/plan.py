@@ -29,7 +29,8 @@ class DenoisePlan:
     Attributes
     ----------
     sigma : float or None
-        Standard deviation of the noise, in the image's units; None if it was not given and not needed.
+        Standard deviation of the noise, in the image's units, the root mean square over channels and pixels; None if it
+        was not given and not needed, NaN if it cannot be told.
     estimated : bool
         Whether it was estimated.
     weights : Weights or array
@@ -66,7 +67,7 @@ class DenoisePlan:
         mask; 0 if all take part.
     groups : tuple of (channels, DenoisePlan)
         Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
-        other attributes are those of the first group, except `sigma`.
+        other attributes are those of the first group, except `sigma`, `sigmas`, `same` and `report`.
     same : tuple of int
         With groups, for each channel the first channel that has exactly the same values, and whose result it gets.
     report : NoiseReport or None

@@ -21,6 +21,8 @@ from .white import check_channel_axis
 class NoiseReport:
     """What the noise of an image is, from :func:`describe_noise`; ``print(report)`` says it in words.
 
+    It can be given as `sigma` to :func:`gpureg.denoise_image` and the other filters.
+
     Attributes
     ----------
     channels : tuple of ChannelNoise
@@ -165,12 +167,13 @@ def describe_noise(
     -----
     The standard deviation is that of :func:`estimate_noise`. Growth with the signal: a line through the variances of 24
     classes of brightness, as in :func:`estimate_photon_noise`. Correlation and mosaics: second differences
-    x[i - k] - 2 x[i] + x[i + k] have the same variance for every step k if the noise is white. Stripes: means of
-    second differences across the lines, over six pieces of a line, are correlated. JPEG: steps between neighbours are
-    larger at one of eight phases. Impulses: pixels further than five sigma from the median of their neighbourhood and
-    from most neighbours, if they are in smooth windows too. These tests need planes of 32 x 32 pixels; in a volume
-    they are made in planes. On 25 photographs with white noise of sigma 5 to 40 at most 2 percent of the reports named
-    something that is not there. A blur of less than half a pixel and a JPEG of quality 90 or more are not seen.
+    x[i - k] - 2 x[i] + x[i + k] have the same variance for every step k if the noise is white; those of step 6 give
+    ``long_sigma``, in a mosaic from pixels of one colour. Stripes: means of second differences across the lines, over
+    six pieces of a line, are correlated. JPEG: steps between neighbours are larger at one of eight phases. Impulses:
+    pixels further than five sigma from the median of their neighbourhood and from most neighbours, if they are in
+    smooth windows too. These tests need planes of 32 x 32 pixels; in a volume they are made in planes. On 25
+    photographs with white noise of sigma 5 to 40 at most 2 percent of the reports named something that is not there. A
+    blur of less than half a pixel and a JPEG of quality 90 or more are not seen.
 
     Channels are compared by the covariance of their noise and by the directions of their edges. They are better
     denoised together if the noise is independent and of similar strength, and the edges are the same.
