@@ -55,10 +55,11 @@ class NoiseReport:
 
     @property
     def correlation(self) -> float:
-        """The largest correlation of the noise of two different channels; 0 for one channel."""
-        if self.covariance is None:
+        """The largest correlation of the noise of two channels with different values; 0 for one channel."""
+        own = sorted(set(self.same))
+        if self.covariance is None or len(own) < 2:
             return 0.0
-        covariance = np.array(self.covariance)
+        covariance = np.array(self.covariance)[np.ix_(own, own)]
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         matrix = covariance / deviation / deviation[:, None]
         return float(np.abs(matrix - np.diag(np.diag(matrix))).max())
@@ -120,7 +121,7 @@ class NoiseReport:
                 continue
             sentences = [*channel.says(), *channel.left_out()]
             found += [f"{name}: {sentence}" for sentence in sentences]
-        if len(self.channels) > 1:
+        if len(set(self.same)) > 1:
             if self.covariance is not None:
                 found.append(f"the largest correlation of the noise of two channels is {self.correlation:.2f}")
             together = [" and ".join(map(str, group)) for group in self.groups if len(group) > 1]

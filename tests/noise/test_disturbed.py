@@ -177,5 +177,6 @@ def test_channels() -> None:
     assert report.groups == ((0,), (1,), (2,))
     same = gr.describe_noise(np.stack([NOISY, NOISY], -1), channel_axis=-1)
     assert same.same == (0, 0) and same.groups == ((0,),)
+    assert same.correlation == 0 and same.lines()[-1] == "channel 1: the same values as channel 0"
     independent = gr.describe_noise(SCENE[..., None] + rng(15).normal(0, 20, (*SCENE.shape, 3)), channel_axis=-1)
     assert independent.groups == ((0, 1, 2),)
