@@ -28,7 +28,7 @@ solver = click.option(
 tol = click.option(
     "--tol",
     type=float,
-    help="Stop at this largest change, relative to the range; certified: at this gap, relative to the energy.",
+    help="Stop at this largest change, relative to the spread; certified: at this gap, relative to the energy.",
 )
 eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the spread]")
 backend = click.option(

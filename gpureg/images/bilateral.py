@@ -72,7 +72,8 @@ def denoise_bilateral(
     Warns
     -----
     UserWarning
-        As :func:`gpureg.denoise_image`; also a window, chosen from `sigma_space`, that covers the whole image.
+        As :func:`gpureg.denoise_image`, of the noise only if it is estimated; also a window, chosen from `sigma_space`,
+        that covers the whole image.
 
     Notes
     -----

@@ -22,15 +22,18 @@ _OF_THE_IMAGE = ("mask", "channel_axis")
 
 @door(options=DENOISE)
 def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[Any]:
-    """Denoise an image or a volume; without parameters, they are chosen from the estimated noise.
+    """Denoise an image or a volume; without parameters, they are chosen from the noise that is found.
 
     Parameters
     ----------
     image : array
         Two or more axes, not counting the channels. Results and parameters are in its units.
-    sigma : float or array, optional
-        Standard deviation of the noise in the image's units, or one per pixel; None estimates it
-        (:func:`gpureg.estimate_noise`).
+    sigma : float, array, "photon", NoiseReport or PhotonNoise, optional
+        Standard deviation of the noise in the image's units: a number, one per channel, or one per pixel (a map in the
+        shape of the image, with or without its channels; axes of length 1 are repeated). "photon" measures how the
+        noise grows with the signal. A report of :func:`gpureg.describe_noise` or the numbers of
+        :func:`gpureg.estimate_photon_noise` are used as they are. None describes the noise and treats what is found,
+        see the notes.
     p : float, optional
         Degree of regularity > 0; None means 2.
     lam : float, array or str, optional
@@ -79,16 +82,17 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     spacing : tuple of float, optional
         Size of a pixel along each axis; None means 1. `radius` and spatial weights are in its units.
     channel_axis : int, optional
-        The axis of the channels, which are regularized together; None for a grey image.
+        The axis of the channels; None for a grey image. Channels are regularized together; where a parameter follows
+        from the noise, only those that are better together.
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
-        As in :func:`gpureg.regularize`. eps = None means 1e-3 of the image's spread, 0 for p = 2 and with
-        the certified solver; dtype = None means
-        float32, or float64 for integers of more than 16 bits.
+        As in :func:`gpureg.regularize`. eps = None means 1e-3 of the image's spread, 0 for p = 2 and with the certified
+        solver; dtype = None means float32, or float64 for integers of more than 16 bits.
 
     Returns
     -------
     array
-        In the shape and dtype of `image`; integers are rounded and clipped.
+        In the shape and dtype of `image`; integers are rounded and clipped. A channel without noise, or whose noise
+        cannot be told, is unchanged.
 
     Raises
     ------
@@ -100,11 +104,20 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     Warns
     -----
     UserWarning
+        If the noise is estimated: it cannot be told, so that none is removed; it is correlated, or has stripes, blocks
+        of a JPEG, the mosaic of a colour sensor or a Rician distribution, with what to do
+        (:meth:`gpureg.NoiseReport.warnings`); it is below half a unit of an image of integers, which is returned.
+    UserWarning
         An array without `channel_axis` that looks like a colour image: the last of three or more axes has 3 or 4
         pixels, the two before it at least 8 times as many. It is processed as a volume.
 
     Notes
     -----
+    Without `sigma`, or with a report, noise that grows with the signal is treated by a map of it; impulses are replaced
+    by the median of their neighbours, and lam is 0 there; in correlated noise and in mosaics sigma is that of pixels 6
+    apart. Channels are denoised together if their noise is independent, its strength differs by a factor of 2 at most,
+    and their edges agree. With weights by a rule at p = 2, large areas of exactly equal values take no part.
+
     :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons. The model is eq. 19 to 31 of the
     paper; the default is one sweep of nonlocal means.
 

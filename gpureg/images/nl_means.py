@@ -80,7 +80,7 @@ def denoise_nl_means(
     spacing : tuple of float, optional
         Size of a pixel along each axis; None means 1.
     channel_axis : int, optional
-        Axis of the channels, which are compared and averaged together.
+        Axis of the channels, which are compared and averaged together (all of them, if `h` is given).
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.denoise_image`. With a callback the weights are stored, as the energy needs them.
 
@@ -99,7 +99,7 @@ def denoise_nl_means(
     Warns
     -----
     UserWarning
-        As :func:`gpureg.denoise_image`; without `h` also of noise that cannot be told or removed.
+        As :func:`gpureg.denoise_image`; of the noise only if it is estimated, without `h` and `sigma`.
 
     Notes
     -----

@@ -30,7 +30,8 @@ class DenoisePlan:
     Attributes
     ----------
     sigma : float or None
-        Standard deviation of the noise, in the image's units; None if it was not given and not needed.
+        Standard deviation of the noise, in the image's units, the root mean square over channels and pixels; None if it
+        was not given and not needed, NaN if it cannot be told.
     estimated : bool
         Whether it was estimated.
     weights : Weights or array
@@ -70,7 +71,7 @@ class DenoisePlan:
         bits of the whole; None to choose them from the values.
     groups : tuple of (channels, DenoisePlan)
         Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
-        other attributes are those of the first group, except `sigma`.
+        other attributes are those of the first group, except `sigma`, `sigmas`, `same` and `report`.
     same : tuple of int
         With groups, for each channel the first channel that has exactly the same values, and whose result it gets.
     report : NoiseReport or None
@@ -162,6 +163,14 @@ class DenoisePlan:
         kind += ", adapted to noise that grows with the signal" if self.photon else ""
         return f"{before}{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
 
+    def _origin(self) -> str:
+        """Return where an estimate of the noise comes from."""
+        if any(line is not None for line in self.photon):
+            return "estimated: root mean square over the image"
+        if self.report is not None and any(x.correlated or x.period == 2 for x in self.report.channels):
+            return "estimated from pixels 6 apart"
+        return "estimated from the image where its texture is weakest"
+
     def explain(self) -> str:
         """Describe each parameter in one line: its value and the reason for it."""
         if self.groups:
@@ -169,8 +178,7 @@ class DenoisePlan:
         (w, seen), ndim, one = self.compared(), len(self.window), np.ndim(self.lam) == 0
         rows = {"noise": ("unknown", "not looked for: it decides nothing")}
         if self.sigma is not None:
-            where = "estimated from the image where its texture is weakest"
-            rows["noise"] = f"sigma = {self.sigma:.4g}", where if self.estimated else "given"
+            rows["noise"] = f"sigma = {self.sigma:.4g}", self._origin() if self.estimated else "given"
         if any(line is not None for line in self.photon):
             lines = ", ".join(f"{line.gain:.3g}" for line in self.photon if line is not None)
             rows["growth"] = f"gain = {lines}", "the noise grows with the signal: a map of it is used"

@@ -146,17 +146,18 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
     -------
     Result
         Its value is the denoised image, in the shape and dtype of `image`. One sweep at p = 2 with bilateral or patch
-        weights does not store the weights: it returns no energy, and an interruption returns no iterate.
+        weights does not store the weights: it returns no energy, and an interruption returns no iterate. A plan with
+        several groups of channels returns no energies.
 
     Raises
     ------
     TypeError, ValueError, BackendUnavailable, FloatingPointError, Interrupted
-        As :func:`denoise_image`.
+        As :func:`denoise_image`; also a plan for another number of channels.
 
     Warns
     -----
     UserWarning
-        As :func:`denoise_image`.
+        An array without `channel_axis` that looks like a colour image. Nothing of the noise, which is in the plan.
     """
     begin = time.perf_counter()
     asked = cast("RunPlan", RUN_PLAN | options)

@@ -22,8 +22,9 @@ def denoise_tv(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[
     lam : float or array, optional
         Fidelity >= 0 in units of 1 over the image's units, or one value per pixel: a larger value stays closer to the
         image (the inverse of scikit-image's `weight`). None means a value chosen from the noise.
-    sigma : float, optional
-        Standard deviation of the noise; None estimates it if `lam` is None.
+    sigma : float, array, "photon", NoiseReport or PhotonNoise, optional
+        Standard deviation of the noise, in the forms of :func:`gpureg.denoise_image`; None estimates it if `lam` is
+        None.
     weights : Weights or array, optional
         As in :func:`gpureg.denoise_image`; None means 1 between the nearest neighbours, the paper's G_0.
     **options
@@ -40,6 +41,11 @@ def denoise_tv(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArray[
         An argument out of its range, or values that are not real and finite.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`gpureg.denoise_image`; of the noise only if `lam` is None or a search.
 
     Notes
     -----

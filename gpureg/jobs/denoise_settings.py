@@ -160,6 +160,8 @@ def plan_of(raster: Raster, settings: Settings, spacing: tuple[float, ...] | Non
         plan = each_channel(raster, **cast("Choice", given))
     else:
         plan = plan_denoising(raster, **cast("Choice", given))
+    if settings.offset is not None:
+        plan = replace(plan, estimated=True)
     if plan.sigma is None:  # not used, but reported
         plan = replace(plan, sigma=Noise(None).found(raster).sigma, estimated=True)
     return plan

@@ -51,7 +51,8 @@ class ChannelNoise:
     correlated : bool
         Whether the noise of neighbouring pixels is alike, as in a blurred or enlarged image. `sigma` is too small then.
     long_sigma : float
-        Standard deviation of the noise from pixels 6 apart; close to the noise if it is correlated.
+        Standard deviation of the noise from pixels 6 apart; closer to the noise than `sigma` if it is correlated, and
+        in a mosaic.
     blur : float
         Standard deviation, in pixels, of a Gaussian blur that would make white noise as correlated; 0 if it is not.
     period : int
@@ -103,7 +104,10 @@ class ChannelNoise:
 
     @property
     def level_to_remove(self) -> float:
-        """The standard deviation to denoise with: `long_sigma` for correlated noise, otherwise `sigma`."""
+        """The standard deviation to denoise with: `long_sigma` for correlated noise and mosaics, otherwise `sigma`."""
+        if self.period == 2:
+            # pixels 6 apart have the same colour
+            return min(self.sigma, self.long_sigma)
         return max(self.sigma, self.long_sigma) if self.correlated else self.sigma
 
     def photon(self, *, certain: bool = True) -> PhotonNoise | None:
@@ -138,7 +142,10 @@ class ChannelNoise:
                 f"{self.long_sigma:.4g}"
             )
         if self.period == 2:
-            yield "every second row or column is alike, as in the mosaic of a colour sensor"
+            yield (
+                "every second row or column is alike, as in the mosaic of a colour sensor; pixels 6 apart give "
+                f"{self.long_sigma:.4g}"
+            )
         if self.period == 8:
             yield "blocks of 8 x 8 pixels stand out, as after JPEG compression"
         for name, size in (("rows", self.stripe_rows), ("columns", self.stripe_columns)):
@@ -169,9 +176,10 @@ class ChannelNoise:
 def channel_noise(channel: Channel) -> ChannelNoise:
     """Return the noise of a channel from its measures."""
     sigma, growth = channel.sigma, channel.growth
-    grows = growth is not None and growth.is_certain and channel.state == "measured"
     stripes = channel.says("stripes")
     periodic = channel.says("periodic")
+    # the steps between the colours of a mosaic grow with the light too
+    grows = growth is not None and growth.is_certain and channel.state == "measured" and not periodic
     return ChannelNoise(
         state=channel.state,
         why=channel.why,

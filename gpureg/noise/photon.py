@@ -52,12 +52,14 @@ def estimate_photon_noise(
 ) -> PhotonNoise:
     """Estimate the gain and the read noise of a camera from one image.
 
+    To denoise, they are not needed: :func:`gpureg.denoise_image` finds the growth of the noise, without an offset.
+
     Parameters
     ----------
     image : array
         As in :func:`estimate_noise`; after subtraction of `offset` its values must be proportional to the light.
     offset : float, default 0
-        The image's value without light; it is 100 for many scientific cameras.
+        The image's value without light; it is 100 for many scientific cameras. Without it the read noise means nothing.
     channel_axis : int, optional
         Axis of the channels, which share one gain.
     mask : bool array, optional

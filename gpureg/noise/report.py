@@ -21,6 +21,8 @@ from .white import check_channel_axis
 class NoiseReport:
     """What the noise of an image is, from :func:`describe_noise`; ``print(report)`` says it in words.
 
+    It can be given as `sigma` to :func:`gpureg.denoise_image` and the other filters.
+
     Attributes
     ----------
     channels : tuple of ChannelNoise
@@ -53,10 +55,11 @@ class NoiseReport:
 
     @property
     def correlation(self) -> float:
-        """The largest correlation of the noise of two different channels; 0 for one channel."""
-        if self.covariance is None:
+        """The largest correlation of the noise of two channels with different values; 0 for one channel."""
+        own = sorted(set(self.same))
+        if self.covariance is None or len(own) < 2:
             return 0.0
-        covariance = np.array(self.covariance)
+        covariance = np.array(self.covariance)[np.ix_(own, own)]
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         matrix = covariance / deviation / deviation[:, None]
         return float(np.abs(matrix - np.diag(np.diag(matrix))).max())
@@ -76,7 +79,7 @@ class NoiseReport:
         if any_says(lambda c: c.period == 2):
             found.append(
                 "every second row or column is alike, as in the mosaic of a colour sensor: denoise the four images "
-                "image[i::2, j::2] as channels, or develop the mosaic first"
+                "image[i::2, j::2] as channels, or develop the mosaic first (sigma was taken from pixels 6 apart)"
             )
         if any_says(lambda c: c.period == 8):
             found.append("blocks of 8 x 8 pixels from JPEG compression stand out and stay: use the uncompressed image")
@@ -118,7 +121,7 @@ class NoiseReport:
                 continue
             sentences = [*channel.says(), *channel.left_out()]
             found += [f"{name}: {sentence}" for sentence in sentences]
-        if len(self.channels) > 1:
+        if len(set(self.same)) > 1:
             if self.covariance is not None:
                 found.append(f"the largest correlation of the noise of two channels is {self.correlation:.2f}")
             together = [" and ".join(map(str, group)) for group in self.groups if len(group) > 1]
@@ -165,12 +168,13 @@ def describe_noise(
     -----
     The standard deviation is that of :func:`estimate_noise`. Growth with the signal: a line through the variances of 24
     classes of brightness, as in :func:`estimate_photon_noise`. Correlation and mosaics: second differences
-    x[i - k] - 2 x[i] + x[i + k] have the same variance for every step k if the noise is white. Stripes: means of
-    second differences across the lines, over six pieces of a line, are correlated. JPEG: steps between neighbours are
-    larger at one of eight phases. Impulses: pixels further than five sigma from the median of their neighbourhood and
-    from most neighbours, if they are in smooth windows too. These tests need planes of 32 x 32 pixels; in a volume
-    they are made in planes. On 25 photographs with white noise of sigma 5 to 40 at most 2 percent of the reports named
-    something that is not there. A blur of less than half a pixel and a JPEG of quality 90 or more are not seen.
+    x[i - k] - 2 x[i] + x[i + k] have the same variance for every step k if the noise is white; those of step 6 give
+    ``long_sigma``, in a mosaic from pixels of one colour. Stripes: means of second differences across the lines, over
+    six pieces of a line, are correlated. JPEG: steps between neighbours are larger at one of eight phases. Impulses:
+    pixels further than five sigma from the median of their neighbourhood and from most neighbours, if they are in
+    smooth windows too. These tests need planes of 32 x 32 pixels; in a volume they are made in planes. On 25
+    photographs with white noise of sigma 5 to 40 at most 2 percent of the reports named something that is not there. A
+    blur of less than half a pixel and a JPEG of quality 90 or more are not seen.
 
     Channels are compared by the covariance of their noise and by the directions of their edges. They are better
     denoised together if the noise is independent and of similar strength, and the edges are the same.

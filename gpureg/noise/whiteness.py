@@ -108,7 +108,8 @@ def whiteness(measured: Measured) -> Whiteness | None:
         periodic=periodic,
         blocks=not periodic and max(_steps_by_phase(fields, half, axis) for axis in (1, 2)) > _BLOCKS,
         stripes=not periodic and max(rows, columns) > 0,
-        impulses=not correlated and share > least,
+        # in a mosaic each pixel of a saturated colour is far from all its neighbours
+        impulses=not correlated and not periodic and share > least,
         rayleigh=positive and abs(level - _RAYLEIGH) < _CLOSE,
         long_sigma=float(np.sqrt(np.mean(variances[:, 3]) * math.pi / 2 / 6)) * fields.scale,
         blur=_blur(q13) if correlated else 0.0,

@@ -157,6 +157,18 @@ def test_the_numbers_of_a_report() -> None:
     assert data["state"] == "measured" and data["channels"][0]["flat"] == pytest.approx(1 - 256**2 / 340**2, abs=0.01)
 
 
+def test_a_mosaic_keeps_its_colours() -> None:
+    """Its steps are neither noise nor impulses: pixels 6 apart, of one colour, tell the noise."""
+    colours = np.stack([SCENE, 0.6 * SCENE, np.where(SCENE > 180, 255, 0.3 * SCENE)])
+    row, column = np.indices(SCENE.shape) % 2
+    clean = np.choose(row + column, colours)
+    mosaic = clean + rng(16).normal(0, 10, clean.shape)
+    with pytest.warns(UserWarning, match=r"image\[i::2, j::2\]"):
+        plan = gr.plan_denoising(mosaic)
+    assert plan.sigma == pytest.approx(10, rel=0.1)
+    assert not plan.replaces_impulses and not plan.photon
+
+
 def test_channels() -> None:
     both = rng(14).multivariate_normal([0, 0, 0], [[400, 320, 0], [320, 400, 0], [0, 0, 4]], SCENE.shape)
     report = gr.describe_noise(SCENE[..., None] + both, channel_axis=-1)
@@ -165,5 +177,6 @@ def test_channels() -> None:
     assert report.groups == ((0,), (1,), (2,))
     same = gr.describe_noise(np.stack([NOISY, NOISY], -1), channel_axis=-1)
     assert same.same == (0, 0) and same.groups == ((0,),)
+    assert same.correlation == 0 and same.lines()[-1] == "channel 1: the same values as channel 0"
     independent = gr.describe_noise(SCENE[..., None] + rng(15).normal(0, 20, (*SCENE.shape, 3)), channel_axis=-1)
     assert independent.groups == ((0, 1, 2),)

@@ -17,13 +17,14 @@ from gpureg.cli.curve import curve
 from gpureg.cli.denoise import denoise
 from gpureg.cli.figures import figures
 from gpureg.cli.mesh import mesh
+from gpureg.cli.noise import noise
 from gpureg.cli.points import points
 from gpureg.cli.simplify import simplify
 
 README = Path(__file__).parents[2] / "README.md"
 DOCS = README.parent / "docs"
 FIRST_STEPS, COMMAND_LINE, MATHEMATICS = DOCS / "first_steps.md", DOCS / "command_line.md", DOCS / "mathematics.md"
-COMMANDS = (denoise, simplify, mesh, curve, points, figures)
+COMMANDS = (denoise, noise, simplify, mesh, curve, points, figures)
 pytestmark = pytest.mark.skipif(not README.exists(), reason="the README is not beside the tests")
 
 
@@ -127,7 +128,7 @@ def test_console_examples_name_options_that_exist() -> None:
         for option in set(re.findall(r"--[a-z-]+", call)) - known.get(call.split()[0], {"--help"})
     ]
     assert unknown == []
-    expected = {"denoise": 6, "simplify": 2, "mesh": 3, "curve": 2, "points": 2, "figures": 2}
+    expected = {"denoise": 9, "noise": 1, "simplify": 2, "mesh": 3, "curve": 2, "points": 2, "figures": 2}
     assert Counter(call.split()[0] for call in console_calls(COMMAND_LINE)) == expected
     assert Counter(call.split()[0] for call in console_calls(README)) == {**dict.fromkeys(expected, 1), "denoise": 2}
 
