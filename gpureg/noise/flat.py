@@ -12,6 +12,9 @@ from .steps import Array, Flags, along
 
 # Side of a cube of equal values, for numbers and for integers; counts that are mostly 0 get larger cubes, until this
 # share of the pixels is left.
+# Values have few levels if there are at most so many of them for each value besides the most frequent one; a value of
+# others was put there if it has this share of a sample.
+_FEW_LEVELS, _REPEATED = 1 / 16, 5e-4
 # Large areas have at least this side.
 _LARGE = 8
 # Whole numbers from 0 whose mean is smaller are counts of which many are 0.
@@ -83,8 +86,22 @@ def cubes_of(values: Array, good: Flags, side: int, axes: Sequence[int]) -> Flag
 
 
 def are_counts(sample: Array, low: float) -> bool:
-    """Return whether whole numbers are counts of which many are 0, from an even sample and the smallest value."""
-    return low == 0 and float(sample.mean()) < FEW_COUNTS
+    """Return whether values are counts of which many are 0, from an even sample and the smallest value."""
+    return low == 0 and float(sample.mean()) < FEW_COUNTS and bool(np.all(sample == np.round(sample)))
+
+
+def put_there(sample: Array, low: float, high: float) -> tuple[bool, tuple[float, ...]]:
+    """Return whether values have few levels, as whole numbers have, and which values may have been put there.
+
+    These are the ends of the range of values of few levels, and those that many others have.
+    """
+    levels, counts = np.unique(sample, return_counts=True)
+    most = int(counts.max(initial=0))
+    if sample.dtype.kind in "iu" or np.all(levels == np.round(levels)):
+        return True, (low, high)
+    if len(levels) - 1 <= _FEW_LEVELS * (len(sample) - most) and len(levels) > 1:
+        return True, (low, high)
+    return False, tuple(levels[counts >= max(5, _REPEATED * len(sample))].tolist())
 
 
 def large_side(values: Array, inside: Flags | None) -> int:

@@ -41,10 +41,12 @@ class ImpulseRule:
         Whether the values are whole numbers, and counts of which many are 0.
     side : int
         Side of areas of equal values, in which nothing is an impulse.
+    often : tuple of float
+        Values that may have been put there: the ends of whole numbers, values that many numbers have.
     agree : int
         Number of neighbours that may be as far as the impulse.
     extreme, salt : bool
-        Whether pixels at the ends of the range are looked at closer, and whether the impulses are salt and pepper.
+        Whether pixels with these values are looked at closer, and whether the impulses are salt and pepper.
     again : bool
         Whether there are so many that impulses are looked for without those that are known.
     """
@@ -58,6 +60,7 @@ class ImpulseRule:
     whole: bool
     counts: bool
     side: int
+    often: tuple[float, ...] = ()
     agree: int = 2
     extreme: bool = False
     salt: bool = False
@@ -108,7 +111,7 @@ def rule_for(scene: Scene, rule: ImpulseRule, sigma: float | Array) -> tuple[Imp
         Standard deviation of the noise over ``rule.scale``, or one per pixel where it grows with the signal.
     """
     size = scene.values.size
-    extreme = rule.whole and bool(np.count_nonzero(scene.extreme) > _EXTREME_SHARE * size)
+    extreme = bool(rule.often) and bool(np.count_nonzero(scene.extreme) > _EXTREME_SHARE * size)
     found = _candidates(scene, scene.usable, sigma)
     agree = 2
     if np.count_nonzero(found) > _MANY * size:

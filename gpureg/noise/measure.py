@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .blocks import Block
-from .flat import are_counts, cubes_of, flat_areas, written_twice
+from .flat import are_counts, cubes_of, flat_areas, put_there, written_twice
 from .graphs import MEDIAN
-from .impulses import ImpulseRule, Scene, impulses_by, lone_pixels, rule_for
+from .impulses import ImpulseRule, Scene, filled, impulses_by, lone_pixels, rule_for
 from .measured import Fields, Measured
 from .steps import (
     Array,
@@ -40,8 +40,6 @@ _PRODUCT, _TRIPLES, FEWEST = 400, 30, 50
 _OF_MEDIAN = 1.15 / MEDIAN
 # Pixels with a value at an end of the range count as clipped if they are this many, or this share.
 _CLIPPED, _CLIPPED_SHARE = 5, 1e-4
-# A value of floating-point numbers that this share of a sample has was put there: it is left out like a clipped one.
-_REPEATED = 5e-4
 # A rare large count is no impulse: it must be so much larger than its neighbours.
 _RARE_COUNT = 6.0
 # All pixels of counts are measured, not only smooth ones, if this share of them is 0.
@@ -98,15 +96,16 @@ class Measuring:
             known = exact.ravel() if self.complete else exact[good]
             self.sample = known[:: max(1, pixels // 16384)]
             self.low, self.high = float(known.min()), float(known.max())
-            self.whole = exact.dtype.kind in "iu" or bool(np.all(self.sample == np.round(self.sample)))
+            self.whole, self.often = put_there(self.sample, self.low, self.high)
             some = self.sample.astype(np.float64)
             self.offset = float(np.median(some))
             below, above = np.percentile(some, [5, 95])
             self.scale = float(above - below) or float(some.std()) or 1.0
-            self.counts = self.whole and are_counts(some, self.low)
+            self.counts = are_counts(some, self.low)
             self.flat, self.side = flat_areas(exact, good, axes, whole=self.whole, counts=self.counts)
         else:
             self.low, self.high, self.whole, self.counts = rule.low, rule.high, rule.whole, rule.counts
+            self.often = rule.often
             self.offset, self.scale, self.side = rule.offset, rule.scale, rule.side
             self.flat = cubes_of(exact, good, self.side, axes)
         self.values = self._scaled()
@@ -123,7 +122,8 @@ class Measuring:
     def _rule(self, sigma: float, line: tuple[float, float] | None) -> ImpulseRule:
         """Return what is known of the image, for noise of this standard deviation in its units."""
         return ImpulseRule(
-            sigma, line, self.offset, self.scale, self.low, self.high, self.whole, self.counts, self.side
+            sigma, line, self.offset, self.scale, self.low, self.high, self.whole, self.counts, self.side,
+            self.often,
         )  # fmt: skip
 
     def _scaled(self) -> Array:
@@ -157,7 +157,9 @@ class Measuring:
             lone = lone_pixels(scene)
             if np.count_nonzero(lone) > _LONE * self.pixels:
                 before = np.count_nonzero(self.usable)
-                self.usable = self.usable & ~lone
+                # without them, the values around are equal
+                rest = filled(self.exact, lone, self.axes[-2:], self.good)
+                self.usable = self.good & ~cubes_of(rest, self.good, self.side, self.axes) & ~lone
                 scene = replace(scene, usable=self.usable)
                 if np.count_nonzero(self.usable) < _LEFT * before:
                     share = np.count_nonzero(lone) / self.pixels
@@ -197,9 +199,7 @@ class Measuring:
 
     def _scene(self) -> Scene:
         """Return what is needed to find impulses."""
-        extreme = np.zeros(self.good.shape, bool)
-        if self.whole:
-            extreme = ((self.exact == self.low) | (self.exact == self.high)) & self.good
+        extreme = np.isin(self.exact, self.often) & self.good if self.often else np.zeros(self.good.shape, bool)
         least = _RARE_COUNT / self.scale if self.counts else 0.0
         return Scene(self.values, self.medians, self.usable, extreme, self.axes[-2:], least)
 
@@ -287,13 +287,10 @@ class Measuring:
             shares[name] = count / self.pixels
             if count >= least and not (self.counts and value == 0):
                 clipped |= at
-        if not self.whole:
-            found, counts = np.unique(self.sample, return_counts=True)
-            often = found[counts >= max(5, _REPEATED * self.sample.size)]
-            if often.size:
-                at = np.isin(self.exact, often) & self.good & ~impulses
-                shares["repeated"] = np.count_nonzero(at & ~clipped & ~self.flat) / self.pixels
-                clipped |= at
+        if not self.whole and self.often:
+            at = np.isin(self.exact, self.often) & self.good & ~impulses
+            shares["repeated"] = np.count_nonzero(at & ~clipped & ~self.flat) / self.pixels
+            clipped |= at
         clipped &= ~self.flat
         if not clipped.any():
             return usable, shares
