@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..model.result import Interrupted, Result, Stop
+from .noise import equal_channels
 from .plan import DenoisePlan
 from .raster import Raster
 
@@ -42,10 +43,9 @@ def _without_thin_axes(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
     lam = plan.lam if np.ndim(plan.lam) == 0 else np.reshape(plan.lam, inner.shape)
 
     def whole(result: Result) -> Result:
-        value = result.value
-        if raster.channel_axis is not None:
-            value = np.moveaxis(value, -1, raster.channel_axis % raster.values.ndim - raster.values.ndim)
-        return replace(result, value=_with_thin_axes(value, raster))
+        value = result.value.reshape(raster.cells.shape)
+        value = value[..., 0] if raster.channel_axis is None else np.moveaxis(value, -1, raster.channel_axis)
+        return replace(result, value=np.ascontiguousarray(value))
 
     try:
         return whole(run(replace(plan, lam=lam), inner))
@@ -53,16 +53,17 @@ def _without_thin_axes(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         raise Interrupted(whole(interruption.result)) from None
 
 
-def _with_thin_axes(value: npt.NDArray[Any], raster: Raster) -> npt.NDArray[Any]:
-    """Return a value in the shape of the image."""
-    return value.reshape(raster.values.shape)
-
-
 def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
     """Denoise groups of channels one after the other, each with its plan."""
     begin = time.perf_counter()
     if raster.channel_axis is None or len(plan.same) != raster.channels:
         raise ValueError(f"the plan is for {len(plan.same)} channels, the image has {raster.channels}")
+    for channel, first in enumerate(plan.same):
+        if channel != first and not equal_channels(raster, channel, first):
+            raise ValueError(
+                f"the plan is for an image whose channels {first} and {channel} are equal, and here they are not: make "
+                "a plan for this image"
+            )
     axis = raster.channel_axis
     value = raster.values.copy()
     cells = np.moveaxis(value, axis, -1)
