@@ -58,12 +58,7 @@ def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
     begin = time.perf_counter()
     if raster.channel_axis is None or len(plan.same) != raster.channels:
         raise ValueError(f"the plan is for {len(plan.same)} channels, the image has {raster.channels}")
-    for channel, first in enumerate(plan.same):
-        if channel != first and not equal_channels(raster, channel, first):
-            raise ValueError(
-                f"the plan is for an image whose channels {first} and {channel} are equal, and here they are not: make "
-                "a plan for this image"
-            )
+    groups, same = _groups_of(plan, raster)
     axis = raster.channel_axis
     value = raster.values.copy()
     cells = np.moveaxis(value, axis, -1)
@@ -73,12 +68,12 @@ def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         cells[..., list(channels)] = np.moveaxis(found, axis, -1)
 
     def finish() -> npt.NDArray[Any]:
-        for channel, first in enumerate(plan.same):
+        for channel, first in enumerate(same):
             if channel != first:
                 cells[..., channel] = cells[..., first]
         return value
 
-    for channels, own in plan.groups:
+    for channels, own in groups:
         try:
             result = run(own, raster.only(channels))
         except Interrupted as interruption:
@@ -95,3 +90,24 @@ def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         changed |= {"energy": np.empty(0), "checks": np.empty(0, np.int64), "gap": None, "error_bound": None}
         changed["method"] = f"{longest.method} In {len(results)} groups of channels."
     return replace(longest, **changed)
+
+
+def _groups_of(
+    plan: DenoisePlan, raster: Raster
+) -> tuple[tuple[tuple[tuple[int, ...], DenoisePlan], ...], tuple[int, ...]]:
+    """Return the groups for an image, and for each channel the first that is equal.
+
+    Channels that were equal where the plan was made, and differ here, have the same plan, one by one.
+    """
+    groups, same = plan.groups, list(plan.same)
+    for channel, first in enumerate(plan.same):
+        if channel == first or equal_channels(raster, channel, first):
+            continue
+        own = next((own for channels, own in plan.groups if channels == (first,)), None)
+        if own is None:
+            raise ValueError(
+                f"the plan is for an image whose channels {first} and {channel} are equal, and here they are not: make "
+                "a plan for this image"
+            )
+        groups, same[channel] = (*groups, ((channel,), own)), channel
+    return groups, tuple(same)
