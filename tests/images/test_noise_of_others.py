@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import gpureg as gr
+from gpureg.jobs.noise import NoiseOptions, noise_of_file
 
 RNG = np.random.default_rng(0)
 FLAT = np.kron(RNG.uniform(60, 200, (6, 6)), np.ones((12, 12)))
@@ -151,3 +153,13 @@ def test_a_callback_with_groups_of_channels(denoise: Callable[..., np.ndarray]) 
 def test_a_wrong_sigma_is_refused_in_a_sentence(sigma: Any, error: str) -> None:
     with pytest.raises((TypeError, ValueError), match=f"denoise_image: sigma must be a number or an array.*{error}"):
         image_of(NOISY_COLOURS, sigma=sigma)
+
+
+def test_a_dark_frame_does_not_end_the_report_on_a_series(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    series = np.stack([PHOTONS, np.full_like(PHOTONS, 100)]).astype(np.float32)
+    tifffile.imwrite(tmp_path / "series.tif", series, metadata={"axes": "TYX"})
+    with pytest.warns(UserWarning, match="the gain of the camera cannot be told in slice 2"):
+        found = noise_of_file(tmp_path / "series.tif", NoiseOptions(offset=0.0, each=("T",)))
+    assert found.cameras[0] is not None
+    assert found.cameras[1] is None
