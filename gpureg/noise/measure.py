@@ -72,7 +72,7 @@ def measure(block: Block, line: tuple[float, float] | None = None) -> Measured:
     pixels = int(np.count_nonzero(good))
     if pixels < FEWEST:
         known = block.values[good]
-        if pixels > 1 and (known == known[0]).all():
+        if pixels and (known == known[0]).all():
             return Measured("no noise", "all values are equal", 0.0, pixels=pixels, flat=1.0)
         return Measured("cannot tell", f"only {pixels} pixels count", pixels=pixels)
     if max(block.values.shape[1:]) < 3:
