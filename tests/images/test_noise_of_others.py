@@ -163,3 +163,8 @@ def test_a_dark_frame_does_not_end_the_report_on_a_series(tmp_path: Path) -> Non
         found = noise_of_file(tmp_path / "series.tif", NoiseOptions(offset=0.0, each=("T",)))
     assert found.cameras[0] is not None
     assert found.cameras[1] is None
+
+
+def test_integers_that_float64_rounds_are_said() -> None:
+    with pytest.warns(UserWarning, match="integers beyond 2"):
+        gr.denoise_image(NOISY.astype(np.int64) + 2**62, sigma=0, backend="numpy")
