@@ -168,3 +168,15 @@ def test_a_dark_frame_does_not_end_the_report_on_a_series(tmp_path: Path) -> Non
 def test_integers_that_float64_rounds_are_said() -> None:
     with pytest.warns(UserWarning, match="integers beyond 2"):
         gr.denoise_image(NOISY.astype(np.int64) + 2**62, sigma=0, backend="numpy")
+
+
+@pytest.mark.parametrize("share", [0.15, 0.2])
+def test_many_impulses(share: float) -> None:
+    """So many that no test of the noise has enough pixels: the image was returned nearly unchanged, rms 40 to 60."""
+    rng = np.random.default_rng(1)
+    clean = np.kron(FLAT[::6, ::6], np.ones((12, 12)))
+    noisy = clean + rng.normal(0, 10, clean.shape)
+    hit = np.where(rng.random(noisy.shape) < share, rng.choice([0.0, 255.0], noisy.shape), noisy)
+    found = gr.denoise_image(hit.clip(0, 255).astype(np.uint8), backend="numpy")
+    # half of the Gaussian noise: 5 percent of impulses leave a quarter
+    assert rms(found, clean) < 0.5 * rms(noisy, clean)
