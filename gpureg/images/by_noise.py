@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..doors import warn
-from ..noise.blocks import measured_axes
-from ..noise.impulse_map import impulses_in
-from ..noise.impulses import filled
+from ..model.result import Interrupted
 from ..noise.report import NoiseReport
 from .noise import Noise, Sigma, levels_of, noise_of
-from .prepare import noise_map
+from .prepare import relative_noise, replaced
 from .raster import Raster
 
 
@@ -57,13 +55,9 @@ def level_of(raster: Raster, noise: Noise) -> float | npt.NDArray[np.float64]:
     profile = noise.combined()
     if profile is not None:
         return noise.level * profile.reshape(raster.shape)
-    if noise.photon is None or noise.sigmas is None:
+    if noise.photon is None or noise.sigmas is None or noise.level == 0:
         return noise.level
-    variance = np.zeros(raster.shape)
-    for i, (line, sigma) in enumerate(zip(noise.photon, noise.sigmas, strict=True)):
-        variance += sigma**2 if line is None else noise_map(raster, raster.cells[..., i], line) ** 2
-    least = 1e-4 * noise.level**2
-    return np.sqrt(np.maximum(variance / raster.channels, least))
+    return noise.level * relative_noise(raster, raster.cells, noise.photon, noise.sigmas, noise.sigmas)
 
 
 def by_noise(
@@ -77,7 +71,7 @@ def by_noise(
     sigma : float, numbers, map, "photon", NoiseReport, PhotonNoise or None
         The noise, as in :func:`gpureg.denoise_image`; None estimates it.
     guided : bool
-        Whether a guide is compared: then all channels are filtered together.
+        Whether a guide is compared: then all channels with noise are filtered together.
     run : callable
         Filters channels; returns an image of their shape and type.
 
@@ -90,36 +84,43 @@ def by_noise(
     if noise.report is not None and noise.estimated:
         say(noise.report)
     everything = tuple(range(raster.channels))
-    groups, same = ((everything,), everything) if guided or len(everything) == 1 else noise.groups(raster)
+    groups, same = ((everything,), everything) if len(everything) == 1 else noise.groups(raster, guided=guided)
     image = raster.values.copy()
-    cells = image[..., None] if raster.channel_axis is None else np.moveaxis(image, raster.channel_axis, -1)
+    cells = _channels_last(image, raster)
+
+    def put(group: tuple[int, ...], found: npt.NDArray[Any]) -> None:
+        cells[..., list(group)] = _channels_last(found, raster)
+
+    def finish() -> npt.NDArray[Any]:
+        for channel, first in enumerate(same):
+            if channel != first:
+                cells[..., channel] = cells[..., first]
+        return image
+
     for group in groups:
         part = raster if group == everything else raster.only(group)
         own = levels_of(part, noise.of(group))
         if own.without(part) is not None and not any(own.impulses):
             continue
         treated = _treated(part, own)
-        found = treated.raster.values if own.level == 0 else run(treated)
-        cells[..., list(group)] = (
-            found[..., None] if part.channel_axis is None else np.moveaxis(found, part.channel_axis, -1)
-        )
-    for channel, first in enumerate(same):
-        if channel != first:
-            cells[..., channel] = cells[..., first]
-    return image
+        try:
+            put(group, treated.raster.values if own.level == 0 else run(treated))
+        except Interrupted as interruption:
+            put(group, interruption.result.value)
+            raise Interrupted(replace(interruption.result, value=finish())) from None
+    return finish()
 
 
 def _treated(raster: Raster, noise: Noise) -> Treated:
     """Replace the impulses of channels, and find the noise of each pixel."""
     if not any(rule is not None for rule in noise.impulses):
         return Treated(raster, level_of(raster, noise))
-    values = raster.values.copy()
-    cells = values[..., None] if raster.channel_axis is None else np.moveaxis(values, raster.channel_axis, -1)
-    hit = np.zeros(cells.shape, bool)
-    axes = measured_axes(raster.shape)[-2:]
-    for i, rule in enumerate(noise.impulses):
-        if rule is not None:
-            hit[..., i] = impulses_in(cells[..., i], raster.inside, rule)
-            cells[..., i] = filled(cells[..., i], hit[..., i], axes, raster.inside)
+    pixels, hit = replaced(raster, raster.cells, noise.impulses)
+    values = pixels[..., 0] if raster.channel_axis is None else np.moveaxis(pixels, -1, raster.channel_axis)
     clean = Raster(values, raster.inside, raster.channel_axis)
     return Treated(clean, level_of(clean, noise), np.asarray(hit.all(axis=-1)))
+
+
+def _channels_last(image: npt.NDArray[Any], raster: Raster) -> npt.NDArray[Any]:
+    """Return a view of an image with the channels last."""
+    return image[..., None] if raster.channel_axis is None else np.moveaxis(image, raster.channel_axis, -1)

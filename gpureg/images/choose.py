@@ -105,9 +105,9 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     if noise.report is not None and noise.estimated:
         say(noise.report)
     if raster.channels > 1 and _depends_on_noise(asked, course):
-        groups, same = noise.groups(raster)
+        groups, same = noise.groups(raster, guided=asked["guide"] is not None)
         if len(groups) > 1 or len(set(same)) < len(same):
-            plans = tuple((group, _plan(raster.only(group), asked, noise.of(group))) for group in groups)
+            plans = tuple((group, _plan(raster.only(group), asked, noise.of(group), group=True)) for group in groups)
             first = plans[0][1]
             return replace(
                 first, sigma=noise.sigma, sigmas=noise.sigmas or (), groups=plans, same=same, report=noise.report
@@ -180,20 +180,21 @@ def _depends_on_noise(asked: Choice, course: Course) -> bool:
     """Return whether the parameters come from the noise, so that the channels may be denoised by themselves."""
     weights = asked["weights"]
     by_rule = weights is None or isinstance(weights, str)
-    plain = asked["guide"] is None and (asked["lam"] is None or isinstance(asked["lam"], str) or course.chooses)
+    plain = asked["lam"] is None or isinstance(asked["lam"], str) or course.chooses
     return by_rule and plain and (course.needs_noise or follow_from_noise(asked))
 
 
-def _plan(raster: Raster, asked: Choice, noise: Noise) -> DenoisePlan:
-    """Return the plan for channels that are denoised together."""
+def _plan(raster: Raster, asked: Choice, noise: Noise, *, group: bool = False) -> DenoisePlan:
+    """Return the plan for channels that are denoised together; a `group` of channels without noise stays as it is."""
     noise = levels_of(raster, noise)
-    units = noise.units
+    # the values of a guide are not in the units of the noise
+    units = noise.units if asked["guide"] is None else None
     own = replace(noise, sigmas=(1.0,) * raster.channels) if units is not None else noise
     given, why_given = named_weights(asked, own, raster)
     course = Course.of(asked, given)
     if not course.chooses and not follow_from_noise(asked) and asked["lam"] is not None:
         units, own = None, noise
-    why_idle = noise.without(raster) if course.chooses else None
+    why_idle = noise.without(raster) if course.chooses or (group and noise.level == 0) else None
     idle = why_idle is not None
     if idle and noise.estimated and why_idle is not None and noise.level > _ROUNDING:
         warn(f"{why_idle}: it is returned as it is; give it as floating-point numbers to denoise it")

@@ -70,7 +70,7 @@ def contrast(raster: Raster, noise: Noise, units: Sequence[float] | None = None)
     the outermost thousandths of the values do not count.
     """
     report = noise.report
-    if report is None or len(report.channels) != raster.channels or not report.spans:
+    if report is None or not noise.estimated or len(report.channels) != raster.channels or not report.spans:
         ends, flat = spans_of(raster.values, raster.channel_axis, raster.inside)
     else:
         ends, flat = report.spans, min(channel.flat for channel in report.channels)

@@ -148,7 +148,7 @@ def denoise_nl_means(
         )
 
     if h is None:
-        given = None if isinstance(sigma, int | float | np.number) and sigma == 0 else sigma
+        given = None if np.ndim(cast("Any", sigma)) == 0 and sigma == 0 else sigma
         return by_noise(raster, given, asked["guide"] is not None, lambda treated: run(treated, None))
     noise = noise_of(raster, sigma, needed=False)
     return run(Treated(raster, level_of(raster, noise)), h)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..checks import number
+from ..doors import warn
 from ..noise.channels import Groups, groups, relate
 from ..noise.impulses import ImpulseRule
 from ..noise.photon import PhotonNoise
@@ -73,7 +74,7 @@ class Noise:
     def units(self) -> tuple[float, ...] | None:
         """What the channels are divided by before they are compared; None if their noise is nearly the same."""
         known = self.sigmas
-        if known is None or len(known) < 2 or not min(known) > 0:
+        if known is None or len(known) < 2 or not all(sigma > 0 for sigma in known):
             return None
         same = _SAME
         if self.estimated and self.report is not None:
@@ -108,21 +109,39 @@ class Noise:
         report = report_of(survey(raster.values, raster.channel_axis, raster.inside))
         return of_report(report, estimated=True)
 
-    def groups(self, raster: Raster) -> tuple[Groups, tuple[int, ...]]:
-        """Return the channels that are better denoised together, and for each channel the first that is equal."""
-        if self.report is not None:
-            return self.report.groups, self.report.same
+    def groups(self, raster: Raster, *, guided: bool = False) -> tuple[Groups, tuple[int, ...]]:
+        """Return the channels that are better denoised together, and for each channel the first that is equal.
+
+        With a guide all channels with noise are better together, since their own edges are not compared. A report may
+        be on another image: its groups are used, but not which channels are equal.
+        """
         count = raster.channels
         sigmas = self.sigmas or (self.level,) * count
-        relations = relate(measure_channels(raster.values, raster.channel_axis, raster.inside))
-        cells = raster.cells
-        same = tuple(
-            next((j for j in range(i) if np.array_equal(cells[..., i], cells[..., j], equal_nan=True)), i)
-            for i in range(count)
-        )
-        grouped = groups(relations, [max(sigma, 1e-300) for sigma in sigmas], count)
+        if guided:
+            noisy = tuple(i for i in range(count) if sigmas[i] > 0)
+            silent = tuple((i,) for i in range(count) if i not in noisy)
+            return ((noisy,) if noisy else ()) + silent, tuple(range(count))
+        if self.report is not None and self.estimated:
+            return self.report.groups, self.report.same
+        same = tuple(next((j for j in range(i) if self._equal(raster, i, j)), i) for i in range(count))
+        if self.report is not None:
+            known = {i for group in self.report.groups for i in group}
+            grouped = self.report.groups + tuple((i,) for i in range(count) if i not in known)
+        else:
+            relations = relate(measure_channels(raster.values, raster.channel_axis, raster.inside))
+            grouped = groups(relations, [max(sigma, 1e-300) for sigma in sigmas], count)
         kept = tuple(of for group in grouped if (of := tuple(i for i in group if same[i] == i)))
         return kept, same
+
+    def _equal(self, raster: Raster, i: int, j: int) -> bool:
+        """Return whether two channels have the same values and the same noise."""
+        own = (self.sigmas, self.photon)
+        if any(of and of[i] != of[j] for of in own):
+            return False
+        profile = self.profile
+        if profile is not None and profile.shape[1] > 1 and not np.array_equal(profile[:, i], profile[:, j]):
+            return False
+        return equal_channels(raster, i, j)
 
     def without(self, raster: Raster) -> str | None:
         """Return why the image needs no denoising, or cannot be denoised; None if there is noise.
@@ -138,6 +157,17 @@ class Noise:
         if self.estimated and raster.values.dtype.kind in "iu" and self.level < 0.5:
             return f"noise of sigma = {self.level:.2g} is less than half a unit of the image's integers"
         return None
+
+
+def equal_channels(raster: Raster, i: int, j: int) -> bool:
+    """Return whether two channels have the same values."""
+    one, other = raster.cells[..., i], raster.cells[..., j]
+    equal_nan = one.dtype.kind == "f"
+    # a look at the middle tells nearly always
+    middle = len(one) // 2
+    return bool(np.array_equal(one[middle], other[middle], equal_nan=equal_nan)) and bool(
+        np.array_equal(one, other, equal_nan=equal_nan)
+    )
 
 
 def of_report(report: NoiseReport, *, estimated: bool) -> Noise:
@@ -203,11 +233,14 @@ def check_sigma(sigma: Any, raster: Raster) -> None:
         if sigma != "photon":
             raise ValueError(f'sigma must be a number, numbers, a map, "photon" or a NoiseReport, got {sigma!r}')
         return
-    array = np.asarray(sigma)
+    try:
+        array = np.asarray(sigma)
+    except ValueError:
+        raise ValueError("sigma must be a number or an array of them, got rows of different lengths") from None
     if array.ndim == 0:
         number("sigma", array[()] if isinstance(sigma, np.ndarray) else sigma, low=0)
         return
-    if array.dtype.kind not in "biuf":
+    if array.dtype.kind not in "iuf":
         raise TypeError(f"sigma must be a number or an array of them, got {array.dtype}")
     count = raster.channels
     if raster.channel_axis is not None and array.shape in ((count,), raster.values.shape):
@@ -246,17 +279,29 @@ def _of_map(raster: Raster, values: npt.NDArray[np.float64]) -> Noise:
 
 def _of_photons(raster: Raster, photon: tuple[PhotonNoise | None, ...]) -> Noise:
     """Return the noise for a given line of a camera."""
-    return Noise(_levels(raster, photon, (0.0,) * raster.channels), photon=photon)
+    levels = _levels(raster, photon, (0.0,) * raster.channels)
+    line = photon[0]
+    if not any(levels) and line is not None and line.gain > 0 and (raster.inside is None or raster.inside.any()):
+        warn(f"no value of the image is above the offset {line.offset:g} of sigma: no noise is removed")
+    return Noise(levels, photon=photon)
 
 
 def _levels(raster: Raster, photon: tuple[PhotonNoise | None, ...], sigmas: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the root mean square noise of each channel, that of its line where it has one."""
+    """Return the root mean square noise of each channel, that of its line where it has one.
+
+    The outermost thousandths of the values count as those next to them, so that a few outliers do not decide.
+    """
     cells = raster.cells
     found = []
     for i, (line, sigma) in enumerate(zip(photon, sigmas, strict=True)):
         values = cells[..., i] if raster.inside is None else cells[..., i][raster.inside]
-        some = np.asarray(values).ravel()[:: max(1, values.size // (1 << 20))]
-        found.append(sigma if line is None else math.sqrt(float(np.mean(line.sigma(some) ** 2))))
+        some = np.asarray(values).ravel()[:: max(1, values.size // (1 << 20))].astype(np.float64)
+        if line is None or not some.size:
+            found.append(sigma)
+            continue
+        sizes = line.sigma(np.clip(some, *np.percentile(some, [0.1, 99.9])))
+        most = float(sizes.max())
+        found.append(most * math.sqrt(float(np.mean((sizes / most) ** 2))) if most > 0 else 0.0)
     return tuple(found)
 
 

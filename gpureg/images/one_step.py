@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..graphs.grid import GridGraph
+from ..model.result import Interrupted
 from ..regularization.options import RUN
 from ..solvers import Jacobi
 from ..weights import Weights
@@ -92,6 +93,14 @@ def one_step(
     run: dict[str, Any] = {name: x for name, x in asked.items() if name in RUN}
     # No damping for lam = 0 on any graph: a single sweep cannot oscillate.
     wide = replace(raster, values=cells, inside=inside, channel_axis=last)
-    value = run_in_parts(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value
-    image = cropped(value, widths)
-    return image if raster.channel_axis is None else np.ascontiguousarray(np.moveaxis(image, -1, raster.channel_axis))
+
+    def as_image(value: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        image = cropped(value, widths)
+        axis = raster.channel_axis
+        return image if axis is None else np.ascontiguousarray(np.moveaxis(image, -1, axis))
+
+    try:
+        return as_image(run_in_parts(plan, wide, solver=Jacobi(damping=1), guide=compared, **run).value)
+    except Interrupted as interruption:
+        result = interruption.result
+        raise Interrupted(replace(result, value=as_image(result.value))) from None

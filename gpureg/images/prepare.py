@@ -1,7 +1,9 @@
-"""Apply to an image what a plan says of its noise: impulses, growth with the signal, units of the channels."""
+"""Apply to an image what is known of its noise: impulses, growth with the signal, units of the channels."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy.typing as npt
 from ..noise.blocks import measured_axes
 from ..noise.flat import large_flat_areas
 from ..noise.impulse_map import impulses_in
-from ..noise.impulses import REACH
+from ..noise.impulses import REACH, ImpulseRule
 from ..noise.impulses import filled as without_impulses
 from ..noise.photon import PhotonNoise
 from ..weights import scaled_by
@@ -55,7 +57,7 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
     """Replace the impulses of pixels (..., m), and make the maps of the plan."""
     count = 0
     if plan.replaces_impulses:
-        pixels, hit = _replaced(plan, raster, pixels)
+        pixels, hit = replaced(raster, pixels, plan.impulses)
         count = int(np.count_nonzero(hit))
         lost = hit.all(axis=-1)
         if lost.any() and plan.max_iter > 0:
@@ -73,13 +75,28 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
     return Prepared(plan, pixels, inside, count)
 
 
-def _replaced(
-    plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]
+def replaced(
+    raster: Raster, pixels: npt.NDArray[Any], rules: Sequence[ImpulseRule | None]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
-    """Replace the impulses of each channel; return the pixels, and where a value was replaced, (..., m)."""
+    """Replace the impulses of each channel by the median of their neighbours.
+
+    Parameters
+    ----------
+    raster : Raster
+        The image, in which impulses are looked for.
+    pixels : (..., m) array
+        Its values, in which they are replaced.
+    rules : sequence of (ImpulseRule or None)
+        One per channel.
+
+    Returns
+    -------
+    (..., m) array, (..., m) bool array
+        The new values, and where they are new.
+    """
     pixels, hit = pixels.copy(), np.zeros(pixels.shape, bool)
     axes = measured_axes(raster.shape)[-2:]
-    for i, rule in enumerate(plan.impulses):
+    for i, rule in enumerate(rules):
         if rule is not None:
             hit[..., i] = impulses_in(raster.cells[..., i], raster.inside, rule)
             pixels[..., i] = without_impulses(pixels[..., i], hit[..., i], axes, raster.inside)
@@ -88,14 +105,41 @@ def _replaced(
 
 def _adapted(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> DenoisePlan:
     """Return the plan with the noise of each pixel in its weights and, where it is one of the data, its lam."""
-    variance = np.zeros(raster.shape, np.float64)
-    for i, (line, sigma) in enumerate(zip(plan.photon, plan.sigmas, strict=True)):
-        variance += 1.0 if line is None else (noise_map(raster, pixels[..., i], line) / max(sigma, 1e-300)) ** 2
-    profile = np.sqrt(np.maximum(variance / len(plan.sigmas), LEAST**2))
+    levels = (1.0,) * len(plan.sigmas) if plan.units else plan.sigmas
+    profile = relative_noise(raster, pixels, plan.photon, plan.sigmas, levels)
     found = scaled_by(plan.weights, profile.ravel())
     if found is not None:
         return replace(plan, weights=found)
     return replace(plan, lam=np.asarray(plan.lam) / profile**2)
+
+
+def relative_noise(
+    raster: Raster,
+    pixels: npt.NDArray[Any],
+    photon: Sequence[PhotonNoise | None],
+    sigmas: Sequence[float],
+    levels: Sequence[float],
+) -> npt.NDArray[np.float64]:
+    """Return the noise of each pixel over that of the image, the root mean square over the channels.
+
+    Parameters
+    ----------
+    raster : Raster
+    pixels : (..., m) array
+        Its values without impulses.
+    photon, sigmas : sequences
+        For each channel how its noise grows, or None, and its root mean square.
+    levels : sequence of float
+        The noise of each channel in the units in which channels are compared.
+    """
+    variance = np.zeros(raster.shape, np.float64)
+    known = [0.0 if math.isnan(level) else level for level in levels]
+    largest = max(known) or 1.0
+    shares = [(level / largest) ** 2 for level in known]
+    for i, (line, sigma, share) in enumerate(zip(photon, sigmas, shares, strict=True)):
+        if share > 0:
+            variance += share if line is None else share * (_noise_map(raster, pixels[..., i], line) / sigma) ** 2
+    return np.sqrt(np.maximum(variance / (sum(shares) or 1.0), LEAST**2))
 
 
 def reach_of(plan: DenoisePlan, ndim: int) -> int:
@@ -107,10 +151,11 @@ def reach_of(plan: DenoisePlan, ndim: int) -> int:
     return reach + plan.flat_side
 
 
-def noise_map(raster: Raster, values: npt.NDArray[Any], line: PhotonNoise) -> npt.NDArray[np.float64]:
+def _noise_map(raster: Raster, values: npt.NDArray[Any], line: PhotonNoise) -> npt.NDArray[np.float64]:
     """Return the standard deviation of the noise at each pixel, from smoothed values."""
     from scipy import ndimage
 
     known = values if raster.whole else filled(values[..., None], raster.inside)[..., 0]  # type: ignore[arg-type]
     blur = _BLUR[2 if raster.ndim < 3 else 3]
-    return line.sigma(ndimage.gaussian_filter(known.astype(np.float32), blur, truncate=_TRUNCATE))
+    # float32 would round values far from 0
+    return line.sigma(ndimage.gaussian_filter(known.astype(np.float64), blur, truncate=_TRUNCATE))

@@ -15,6 +15,8 @@ from ..doors import warn
 
 # The last axis looks like channels if the two axes before it are at least this many times as long.
 FAR = 8
+# Integers up to this are exact in float64.
+_EXACT = 1 << 53
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ class Raster:
         -----
         UserWarning
             An array without `channel_axis` that looks like a colour image: the last of three or more axes has 3 or 4
-            cells, the two before it at least 8 times as many. It is processed as a volume.
+            cells, the two before it at least 8 times as many. It is processed as a volume. Also integers beyond 2^53.
         """
         if isinstance(image, Raster):
             return image
@@ -91,6 +93,9 @@ class Raster:
         if not all_finite(known):
             bad = known[~np.isfinite(known)]
             raise ValueError(f"image must be finite, got {bad[0]} at {len(bad)} place(s); a mask can leave them out")
+        if known.size and array.dtype.kind in "iu" and array.dtype.itemsize == 8:
+            if max(int(known.max()), -int(known.min())) > _EXACT:
+                warn("the image holds integers beyond 2^53, which float64 rounds: subtract an offset first")
         if channel_axis is None and not axes_known and _looks_coloured(array.shape):
             warn(
                 f"the image of shape {array.shape} is taken for a volume: channel_axis=-1 makes its last axis one of "

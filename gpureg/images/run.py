@@ -75,7 +75,9 @@ def solve(
 
 def without_averaging(plan: DenoisePlan, options: Mapping[str, Any]) -> DenoisePlan:
     """Return the plan, without averaging of patches if the other options do not allow it."""
-    return plan if _fits(plan, options) or not plan.average_patches else replace(plan, average_patches=False)
+    groups = tuple((channels, without_averaging(own, options)) for channels, own in plan.groups)
+    averages = bool(plan.average_patches) and _fits(plan, options)
+    return replace(plan, groups=groups, average_patches=plan.average_patches if averages else False)
 
 
 def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None:

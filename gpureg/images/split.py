@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..model.result import Interrupted, Result, Stop
+from .noise import equal_channels
 from .plan import DenoisePlan
 from .raster import Raster
 
@@ -42,10 +43,9 @@ def _without_thin_axes(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
     lam = plan.lam if np.ndim(plan.lam) == 0 else np.reshape(plan.lam, inner.shape)
 
     def whole(result: Result) -> Result:
-        value = result.value
-        if raster.channel_axis is not None:
-            value = np.moveaxis(value, -1, raster.channel_axis % raster.values.ndim - raster.values.ndim)
-        return replace(result, value=_with_thin_axes(value, raster))
+        value = result.value.reshape(raster.cells.shape)
+        value = value[..., 0] if raster.channel_axis is None else np.moveaxis(value, -1, raster.channel_axis)
+        return replace(result, value=np.ascontiguousarray(value))
 
     try:
         return whole(run(replace(plan, lam=lam), inner))
@@ -53,16 +53,12 @@ def _without_thin_axes(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         raise Interrupted(whole(interruption.result)) from None
 
 
-def _with_thin_axes(value: npt.NDArray[Any], raster: Raster) -> npt.NDArray[Any]:
-    """Return a value in the shape of the image."""
-    return value.reshape(raster.values.shape)
-
-
 def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
     """Denoise groups of channels one after the other, each with its plan."""
     begin = time.perf_counter()
     if raster.channel_axis is None or len(plan.same) != raster.channels:
         raise ValueError(f"the plan is for {len(plan.same)} channels, the image has {raster.channels}")
+    groups, same = _groups_of(plan, raster)
     axis = raster.channel_axis
     value = raster.values.copy()
     cells = np.moveaxis(value, axis, -1)
@@ -72,12 +68,12 @@ def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         cells[..., list(channels)] = np.moveaxis(found, axis, -1)
 
     def finish() -> npt.NDArray[Any]:
-        for channel, first in enumerate(plan.same):
+        for channel, first in enumerate(same):
             if channel != first:
                 cells[..., channel] = cells[..., first]
         return value
 
-    for channels, own in plan.groups:
+    for channels, own in groups:
         try:
             result = run(own, raster.only(channels))
         except Interrupted as interruption:
@@ -94,3 +90,24 @@ def _in_groups(plan: DenoisePlan, raster: Raster, run: Run) -> Result:
         changed |= {"energy": np.empty(0), "checks": np.empty(0, np.int64), "gap": None, "error_bound": None}
         changed["method"] = f"{longest.method} In {len(results)} groups of channels."
     return replace(longest, **changed)
+
+
+def _groups_of(
+    plan: DenoisePlan, raster: Raster
+) -> tuple[tuple[tuple[tuple[int, ...], DenoisePlan], ...], tuple[int, ...]]:
+    """Return the groups for an image, and for each channel the first that is equal.
+
+    Channels that were equal where the plan was made, and differ here, have the same plan, one by one.
+    """
+    groups, same = plan.groups, list(plan.same)
+    for channel, first in enumerate(plan.same):
+        if channel == first or equal_channels(raster, channel, first):
+            continue
+        own = next((own for channels, own in plan.groups if channels == (first,)), None)
+        if own is None:
+            raise ValueError(
+                f"the plan is for an image whose channels {first} and {channel} are equal, and here they are not: make "
+                "a plan for this image"
+            )
+        groups, same[channel] = (*groups, ((channel,), own)), channel
+    return groups, tuple(same)

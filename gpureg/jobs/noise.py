@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..doors import warn
 from ..files.pictures import Picture, read_picture
 from ..images.raster import Raster
 from ..noise.photon import PhotonNoise, estimate_photon_noise
@@ -53,7 +54,7 @@ class NoiseOfFile:
     source : Path
     slices : tuple of NoiseReport
     cameras : tuple of (PhotonNoise or None)
-        Gain and read noise of each slice, if there is an offset.
+        Gain and read noise of each slice, if there is an offset and they can be told.
     through : str
         Letters of the axes of the slices.
     left : mapping
@@ -118,7 +119,7 @@ def noise_of_file(source: Path, options: NoiseOptions) -> NoiseOfFile:
         cells = None if known is None or known.all() else layout.part(known, picture.axes.replace("C", ""))
         raster = Raster.of(layout.part(values, picture.axes), _channels(picture), cells, axes_known=True)
         reports.append(report_of(survey(raster.values, raster.channel_axis, raster.inside)))
-        cameras.append(_camera(raster, options.offset))
+        cameras.append(_camera(raster, options.offset, f" in slice {i + 1}" if layout.several else ""))
     left = {"nan": inside.nans, "nodata": inside.nodata, "outside_mask": inside.masked}
     return NoiseOfFile(source, tuple(reports), tuple(cameras), layout.several, left)
 
@@ -127,9 +128,14 @@ def _channels(picture: Picture) -> int | None:
     return None if picture.channel_axis is None else -1
 
 
-def _camera(raster: Raster, offset: float | None) -> PhotonNoise | None:
-    """Return the camera of an image; None without an offset."""
+def _camera(raster: Raster, offset: float | None, where: str) -> PhotonNoise | None:
+    """Return the camera of an image; None without an offset, or with a warning if it cannot be told."""
     if offset is None:
         return None
     values: Any = np.asarray(raster.values)
-    return estimate_photon_noise(values, offset=offset, channel_axis=raster.channel_axis, mask=raster.inside)
+    try:
+        return estimate_photon_noise(values, offset=offset, channel_axis=raster.channel_axis, mask=raster.inside)
+    except ValueError as error:
+        # a dark or saturated slice of a series: the others are described
+        warn(f"the gain of the camera cannot be told{where}: {error}")
+        return None

@@ -32,7 +32,7 @@ class Relations:
     Attributes
     ----------
     covariance : (m, m) float array
-        Covariance of the noise, in the image's units.
+        Covariance of the noise, in the image's units; NaN where it is not known.
     agreement : (m, m) float array
         Cosine of the channels' gradients without noise: 1 for the same edges.
     """
@@ -48,13 +48,17 @@ class Relations:
 
 
 def relate(channels: Sequence[Sequence[Measured]]) -> Relations | None:
-    """Compare the channels, each as its measured planes; None unless all channels of a plane were measured."""
+    """Compare the channels, each as its measured planes; None unless two channels of a plane were measured.
+
+    Pairs of which a channel was never measured are NaN.
+    """
     count = len(channels)
-    products, agreements, weight = np.zeros((count, count)), np.zeros((count, count)), 0
+    products, agreements, weights = (np.zeros((count, count)) for _ in range(3))
     for planes in zip(*channels, strict=True):
         fields = [plane.fields for plane in planes]
+        measured = [i for i, each in enumerate(fields) if each is not None]
         known = [each for each in fields if each is not None]
-        if len(known) < count or len({each.response.shape for each in known}) > 1:
+        if len(known) < 2 or len({each.response.shape for each in known}) > 1:
             continue
         axes = known[0].axes
         valid: Flags = np.logical_and.reduce([each.valid for each in known])
@@ -64,12 +68,14 @@ def relate(channels: Sequence[Sequence[Measured]]) -> Relations | None:
         texture = sum(inner(each.texture, axes).ravel()[at] / each.sigma**2 for each in known)
         chosen = at[smallest(np.asarray(texture), max(int(SMOOTHEST * at.size), 400))]
         responses = np.stack([each.response.ravel()[chosen].astype(np.float64) * each.scale for each in known])
-        products += responses @ responses.T / 6.0 ** len(axes)
-        agreements += _agreement(known) * chosen.size
-        weight += chosen.size
-    if not weight:
+        pairs = np.ix_(measured, measured)
+        products[pairs] += responses @ responses.T / 6.0 ** len(axes)
+        agreements[pairs] += _agreement(known) * chosen.size
+        weights[pairs] += chosen.size
+    if not weights.any():
         return None
-    return Relations(products / weight, agreements / weight)
+    some = np.where(weights > 0, weights, np.nan)
+    return Relations(products / some, agreements / some)
 
 
 def _agreement(channels: Sequence[Fields]) -> npt.NDArray[np.float64]:

@@ -15,6 +15,7 @@ from .survey import measured_with_growth
 from .white import check_channel_axis
 
 
+@door
 @dataclass(frozen=True)
 class PhotonNoise:
     """Noise with the variance ``gain * (mean - offset) + read_noise**2``.
@@ -27,11 +28,21 @@ class PhotonNoise:
         Standard deviation of the noise without light, in the image's units; 0 if the fitted variance is negative.
     offset : float
         The image's value without light.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Not numbers, not finite, or a gain or a read noise below 0.
     """
 
     gain: float
     read_noise: float
     offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        number("gain", self.gain, low=0)
+        number("read_noise", self.read_noise, low=0)
+        number("offset", self.offset)
 
     def sigma(self, mean: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the standard deviation of the noise at each expected value; below `offset` it is the read noise.

@@ -28,7 +28,8 @@ class NoiseReport:
     channels : tuple of ChannelNoise
         One per channel; one for a grey image.
     covariance : tuple of tuples of float, or None
-        Covariance of the noise between the channels, (m, m); None for one channel or if it cannot be told.
+        Covariance of the noise between the channels, (m, m); None for one channel or if it cannot be told, NaN for a
+        channel without noise or whose noise cannot be told.
     groups : tuple of tuples of int
         The channels that are better denoised together.
     same : tuple of int
@@ -62,7 +63,7 @@ class NoiseReport:
         covariance = np.array(self.covariance)[np.ix_(own, own)]
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         matrix = covariance / deviation / deviation[:, None]
-        return float(np.abs(matrix - np.diag(np.diag(matrix))).max())
+        return float(np.nanmax(np.abs(matrix - np.diag(np.diag(matrix))), initial=0.0))
 
     def warnings(self) -> tuple[str, ...]:
         """Return a sentence for each kind of noise that :func:`gpureg.denoise_image` cannot remove, with what to do."""
@@ -106,7 +107,9 @@ class NoiseReport:
                 }
                 for c in self.channels
             ],
-            "covariance": None if self.covariance is None else [list(row) for row in self.covariance],
+            "covariance": None
+            if self.covariance is None
+            else [[x if math.isfinite(x) else None for x in row] for row in self.covariance],
             "groups": [list(group) for group in self.groups],
             "warnings": list(self.warnings()),
         }

@@ -24,6 +24,8 @@ _ERROR, _ERRORS = 1.5, 2.5
 _STRONGLY, _ALIKE = 0.5, 1.15
 # Impulses are said if the smoothest third of the windows has this share of them; texture makes false ones.
 _IMPULSES, _IMPULSES_TEXTURED, _TEXTURED = 0.0025, 0.006, 0.06
+# Impulses are said without the other tests, for which too few pixels are left, from this share on.
+_MANY = 0.05
 # The mean over sigma of Rician noise without signal, and how close to it the darkest windows must be.
 _RAYLEIGH, _CLOSE = 1.91, 0.15
 # Fewest second differences, and the energy of the gradient over sigma^2 above which there is hardly any noise to test.
@@ -85,15 +87,16 @@ def whiteness(measured: Measured) -> Whiteness | None:
     tile, row, column = np.unravel_index(chosen, inner.shape)
     at = np.ravel_multi_index((tile, row + _BORDER, column + _BORDER), fields.values.shape)
     variances = np.array([_variances(fields.values, at[_complete(ok, at, axis)], axis) for axis in (1, 2)])
+    third, half = (float(np.quantile(of[:: max(1, of.size // 16384)], share)) for share in (1 / 3, 1 / 2))
+    smooth = fields.texture <= third
+    share = float(np.count_nonzero(fields.impulses & smooth)) / max(1, int(np.count_nonzero(smooth)))
     if np.isnan(variances).any():
-        return None
+        # so many impulses that hardly a pixel has all its neighbours
+        return _only_impulses(share) if share > _MANY else None
     q12, q13, q26 = (
         float(np.sqrt(np.prod(variances[:, i] / np.maximum(variances[:, j], 1e-30))))
         for i, j in ((0, 1), (0, 2), (1, 3))
     )
-    third, half = (float(np.quantile(of[:: max(1, of.size // 16384)], share)) for share in (1 / 3, 1 / 2))
-    smooth = fields.texture <= third
-    share = float(np.count_nonzero(fields.impulses & smooth)) / max(1, int(np.count_nonzero(smooth)))
     periodic = q12 > _PERIOD_TWO
     like = q13 < q26 * (_ALIKE if q13 < _STRONGLY else 1)  # texture has a larger q13 than q26
     bound = _CORRELATED * (1 - _ERRORS * _ERROR / math.sqrt(chosen.size))
@@ -115,6 +118,23 @@ def whiteness(measured: Measured) -> Whiteness | None:
         blur=_blur(q13) if correlated else 0.0,
         stripe_rows=rows,
         stripe_columns=columns,
+        share_of_impulses=share,
+    )
+
+
+def _only_impulses(share: float) -> Whiteness:
+    """Return the tests of a plane of which only the impulses can be told."""
+    return Whiteness(
+        correlated=False,
+        periodic=False,
+        blocks=False,
+        stripes=False,
+        impulses=True,
+        rayleigh=False,
+        long_sigma=0.0,
+        blur=0.0,
+        stripe_rows=0.0,
+        stripe_columns=0.0,
         share_of_impulses=share,
     )
 

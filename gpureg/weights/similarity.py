@@ -101,7 +101,7 @@ class Patch(PatchWeights):
         if isinstance(self.sigma, PerVertex):
             taken, shift = self.sigma.on(graph, "sigma") ** 2 * samples, 0.0
         else:
-            taken, shift = None, 2 * self.sigma**2 * samples
+            taken, shift = None, 2 * self.sigma * self.sigma * samples
         maps, spatial = _maps(graph, taken, strength), nearness(graph, self.sigma_space)
         return PatchForm(profile, shift, _inverse_square(h, dtype), spatial, maps, self.cut)
 
