@@ -172,7 +172,8 @@ def flying_vertices(v: FloatArray, faces: IntArray, plane: FloatArray) -> npt.ND
     """Find vertices far out of a surface: with long edges around a small ring, and out of their faces, (n,) bool.
 
     `plane`, (n,), is the median of :func:`plane_offsets` around each vertex: of two that are neighbours, the faces to
-    the other one are flat. Up to three of them may be neighbours: a third of the edges may be short, and less than half of the ring long.
+    the other one are flat. Up to three of them may be neighbours: a third of the edges may be short, and less than half
+    of the ring long.
     """
     n = len(v)
     longest, opposite = np.zeros(n), np.full(n, np.inf)

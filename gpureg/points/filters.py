@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, get_args
 
@@ -12,15 +12,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_points import knn_graph
 from ..model.result import Result
+from ..noise.fidelity import fidelities_to_values
+from ..noise.local import row_medians
+from ..noise.values import ValueNoise, alike_channels, mean_squares, value_noise
 from ..regularization.denoised import Denoised
 from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.cloud import Cloud
 from ..weights import Weights, bilateral, guided
-from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels, row_medians, value_levels
+from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels
 from .normals import directions, fitted_points, planes_of, projectors, tilt
 from .surface import LEAST, OWN, fitted_surface
 
@@ -37,6 +41,8 @@ _REACH = 0.35
 _FIT = 5
 # Default bound on the displacement, in standard deviations of the noise.
 MOST_MOVED = 3.0
+# With fewer points in a component values do not tell their noise.
+_TELLING = 3
 # The default fidelity to normals is this over the square of their noise.
 _TO_NORMALS = 0.5
 
@@ -164,21 +170,47 @@ class Task:
         return bodies(self.points, self.graph)
 
     def of_values(self, f0: FloatArray) -> PointDenoising:
-        """Regularize values other than positions, (n, m), on the graph of neighbours."""
-        graph = self.graph
-        sigma, levels = self._noise(lambda: value_levels(f0, graph, around_each(self.points)))
-        p, lam = 1.0 if self.p is None else self.p, self.lam
+        """Regularize values other than positions, (n, m), on the graph of neighbours, and alike channels together."""
+        graph, p, lam = self.graph, 1.0 if self.p is None else self.p, self.lam
+        if self.sigma is None and lam is None and self.weights is None:
+            groups = alike_channels(f0, graph)
+            if len(groups) > 1:
+                return self._in_groups(f0, groups)
+        f, far, results = f0, np.zeros(len(f0), bool), []
+        sigma, levels = self.sigma, None
+        if sigma is None:
+            levels, smooth, far = self._value_noise(f0)
+            sigma = mean_level(levels)
         if lam is None:
-            # the gradient norm contains the noise of all channels
-            together = np.asarray(sigma if levels is None else levels) * math.sqrt(f0.shape[1])
-            degree = graph.n_edges / graph.n_vertices
-            lam = _where(together > 0, lambda: 1.1 * degree ** (p / 2) * together ** (p - 2))
-        f, results = f0, []
+            noise = np.full(len(f0), sigma) if levels is None else levels
+            lam = fidelities_to_values(np.full(len(f0), graph.n_edges / graph.n_vertices), noise, p, f0.shape[1])
+            lam[far] = 0.0
+            lam = float(lam[0]) if (lam == lam[0]).all() else lam
+            if far.any():
+                f = np.where((far & ~self.pinned)[:, None], smooth, f0)
         if not _is_infinite(lam):
             most = 100 if self.max_iter is None else self.max_iter
-            results = [self._run(f0, graph, p, lam, most, self.weights)]
+            results = [self._run(f, graph, p, lam, most, self.weights)]
             f = results[0].value.astype(np.float64)
         return self._found(f, "values", results, sigma=sigma, p=p, lam=lam, levels=levels)
+
+    def _value_noise(self, f0: FloatArray) -> ValueNoise:
+        parts = Components.of(self.graph)
+        return value_noise(f0, self.graph, parts, parts.sizes()[parts.labels] >= _TELLING)
+
+    def _in_groups(self, f0: FloatArray, groups: list[IntArray]) -> PointDenoising:
+        """Regularize groups of channels one after another."""
+        sizes, value = [len(group) for group in groups], f0.copy()
+        each = [self.of_values(f0[:, group]) for group in groups]
+        for group, part in zip(groups, each, strict=True):
+            value[:, group] = part.value
+        return replace(
+            each[0],
+            value=value,
+            results=tuple(result for part in each for result in part.results),
+            sigma=float(mean_squares([np.array(part.sigma) for part in each], sizes)),
+            levels=mean_squares([np.asarray(part.levels) for part in each], sizes),
+        )
 
     def moved(self, filter: PointFilter) -> PointDenoising:
         """Fit a surface, or regularize the points, or regularize the normals and fit the points to them."""
@@ -201,7 +233,7 @@ class Task:
 
     def _levels(self) -> FloatArray:
         x, graph = self.points, self.graph
-        return point_levels(x, graph) if x.shape[1] in (2, 3) else value_levels(x, graph, around_each(x))
+        return point_levels(x, graph) if x.shape[1] in (2, 3) else self._value_noise(x).local
 
     def _found(
         self,
@@ -234,7 +266,7 @@ class Task:
         p, lam = 2.0 if self.p is None else self.p, self.lam
         if lam is None:
             noise = np.asarray(sigma if levels is None else levels)
-            spacing = self.bodies.spacing if self.bodies.bodies > 1 else self.bodies.spacing[0]
+            spacing = self.bodies.spacing if self.bodies.parts.count > 1 else self.bodies.spacing[0]
             lam = _where((noise > 0) & (spacing > 0), lambda: 2 ** (p - 2) * 4 * spacing ** (p - 1) / noise)
         x, results = self.points, []
         left = 0 if _is_infinite(lam) else 100 if self.max_iter is None else self.max_iter
@@ -263,7 +295,7 @@ class Task:
                 noise = np.minimum(_median(apart), _median(wide))
             else:
                 near = around_each(x)
-                differ = np.median(row_medians(apart, graph)[near], axis=1)
+                differ = np.median(np.nan_to_num(row_medians(graph.indptr, apart))[near], axis=1)
                 noise = np.minimum(differ, np.median(turned[near], axis=1))
                 # near creases normals differ because of the shape too
                 noise = np.sqrt(opened(noise**2, graph, ROUNDS[d]) * POINTS[d])

@@ -22,7 +22,8 @@ def same_points(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     """Number the points of a mesh, (n,), in the order of their first vertices; None if no two vertices are the same.
 
     Vertices are the same point if they are equal, or closer than 1e-5 times the mean or median length of the edges
-    around them, whichever is less, around that of the shorter edges: a vertex very far away joins no others. This is local, so that a small body in a large scene does not become one point.
+    around them, whichever is less, around that of the shorter edges: a vertex very far away joins no others. This is
+    local, so that a small body in a large scene does not become one point.
     """
     along = vertices @ _DIRECTION
     edges = _mean_edges(vertices, faces)
