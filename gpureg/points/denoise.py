@@ -18,10 +18,11 @@ from ..regularization.denoised import check_numbers, checked_fidelity, limited
 from ..regularization.options import MODEL, Model
 from ..shapes.cloud import cloud_of
 from ..weights import Weights
-from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointDenoising, PointFilter, Task
+from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointFilter, Task
 from .merging import merged, unmerged
 from .outliers import outliers
 from .renewed import renewed_normals
+from .report import PointDenoising
 
 
 def denoised(
