@@ -26,9 +26,12 @@ def used_faces(vertices: FloatArray, faces: IntArray, then: str = "") -> IntArra
     Warns
     -----
     UserWarning
-        Faces are turned against their neighbours.
+        Faces are turned against their neighbours; no face has an area.
     """
     used = faces[proper_faces(vertices, faces)]
+    if not len(used):
+        warnings.warn("no face has an area: nothing is known of the noise, and nothing moves", stacklevel=outside())
+        return used
     used = used[first_of_each(used)]
     against = turned(used)
     if not against.any():

@@ -207,7 +207,8 @@ def test_what_cannot_be_told_is_said():
     # with sigma it is denoised without a warning; without any area nothing is
     assert denoised(surface_of(corners, faces), sigma=0.1, backend="numpy").displacement.max() > 0
     flat = np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]])
-    np.testing.assert_array_equal(denoise(flat, np.array([[0, 1, 2]])), flat)
+    with pytest.warns(UserWarning, match="no face has an area"):
+        np.testing.assert_array_equal(denoise(flat, np.array([[0, 1, 2]])), flat)
 
 
 def test_numbers_of_components():
@@ -267,3 +268,13 @@ def test_a_channel_with_strong_noise_does_not_blur_another():
     # before, the first channel had 0.076 of noise
     np.testing.assert_array_equal(done, np.stack(alone, axis=1))
     assert np.std(done[:, 0] - x) < 0.002
+
+
+def test_a_mesh_without_an_area():
+    flat = np.ones((len(SPHERE.vertices), 3)) * [0, 1, 2]
+    with pytest.warns(UserWarning, match="no face has an area"):
+        np.testing.assert_array_equal(denoise(flat, SPHERE.faces), flat)
+    with pytest.warns(UserWarning, match="no face has an area"):
+        assert np.isnan(gr.estimate_mesh_noise(flat, SPHERE.faces))
+    with pytest.raises(ValueError, match="no shape to simplify: none of its faces has an area"):
+        gr.simplify_mesh(flat, SPHERE.faces)
