@@ -177,6 +177,7 @@ def denoise_mesh(found: MeshDenoising) -> Any:
     the mean edge length of its component, the default lam there is edge^(p - 2) 2^(p - 3) / s for positions, that is
     0.5/s at p = 2, and 1.1 sqrt(degree / m) / sigma for values at p = 1, with the mean degree and m channels. Single
     vertices or values far from all of their neighbours begin at the mean or median of these, and have lam = 0.
+    Channels of values whose noise differs by more than a factor of two are regularized apart.
 
     Normals are regularized in up to 20 rounds, each from the current mesh: two sweeps of the model on the graph of
     faces across vertices, at p = 2 and lam = 0, with weights (a(u) a(v))^(1/3) exp(-|g(u) - g(v)|^2 / s^2) of the

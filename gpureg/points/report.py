@@ -21,6 +21,9 @@ class PointDenoising(Denoised[float]):
     Attributes
     ----------
     filter : {"surface", "normals", "positions", "values"}
+    lam : float or (n,) array
+        One per point without repetitions and outliers if it was an array, or if the noise is not the same everywhere;
+        of several groups of channels that of the one with the least noise.
     sigma : float
         The given noise, or the root mean square of `levels`; NaN if it cannot be told.
     cloud : Cloud
