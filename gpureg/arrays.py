@@ -12,6 +12,8 @@ FloatArray = npt.NDArray[np.floating[Any]]
 IntArray = npt.NDArray[np.integer[Any]]
 # Most entries of a table that is computed at a time, such as (vertices, neighbours): it bounds the memory.
 BLOCK_ENTRIES = 1 << 22
+# Squares of coordinates up to this size, and of differences down to its reciprocal, are numbers of float64.
+_LARGEST = 1e100
 
 
 def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -77,7 +79,7 @@ def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
     Raises
     ------
     TypeError, ValueError
-        Values that are not real and finite, or another shape.
+        Values that are not real and finite, or whose squares are not numbers of float64; another shape.
     """
     array = unmasked(points, name)
     if array.dtype.kind not in "biuf":
@@ -87,7 +89,13 @@ def checked_points(points: npt.ArrayLike, name: str = "points") -> FloatArray:
     if not all_finite(array):
         row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise ValueError(f"{name} must be finite, row {row} is {array[row].tolist()}: leave such rows out")
-    return array.astype(np.float64)
+    x: FloatArray = array.astype(np.float64)
+    low, high = x.min(axis=0), x.max(axis=0)
+    size, extent = float(np.maximum(np.abs(low), np.abs(high)).max()), float((high / 2 - low / 2).max())
+    if size > _LARGEST or 0 < extent < 1 / _LARGEST:
+        what = f"be up to {_LARGEST:g}, got {size:.3g}" if size > _LARGEST else f"differ by {1 / _LARGEST:g} or more"
+        raise ValueError(f"{name} must {what}: use another unit")
+    return x
 
 
 def checked_faces(faces: npt.ArrayLike, n_vertices: int) -> IntArray:

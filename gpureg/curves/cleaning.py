@@ -37,12 +37,15 @@ class Found:
         Number of vertices that repeat the one before, to 1e-6 of the mean segment: they count once.
     opened : bool
         Whether the segment that closes the curve is such a gap: the curve was treated as open.
+    few : bool
+        Whether too few vertices are left to tell the noise: they stay as they are.
     """
 
     outliers: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     gaps: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     repeats: int = 0
     opened: bool = False
+    few: bool = False
 
 
 class Cleaned:
@@ -222,7 +225,8 @@ class Cleaned:
         gone[self.alive] = False
         opened = self.closed and len(self.alive) - 1 in self.cuts
         inner = self.cuts[self.cuts < len(self.alive) - 1]
-        return Found(np.flatnonzero(gone[self.of]), last[self.alive[inner]], len(self.of) - len(self.merged), opened)
+        repeats, few = len(self.of) - len(self.merged), self._given is None and not self.long
+        return Found(np.flatnonzero(gone[self.of]), last[self.alive[inner]], repeats, opened, few)
 
 
 def _repeats(x: FloatArray, closed: bool, merges: bool) -> tuple[IntArray, IntArray]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray, checked_points
+from ..arrays import FloatArray, IntArray, checked_points, unmasked
 from ..checks import flag
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import curve_graph
@@ -102,14 +102,15 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
     objects = shapes_of(points)
     if objects is not None:
         return _of_shapes(objects, closed)
-    several = isinstance(points, list | tuple) and all(np.ndim(x) == 2 for x in points)
+    several = isinstance(points, list | tuple) and _of_curves(points)
     given: list[Any] = list(points) if several else [points]  # type: ignore[arg-type]
     if not given:
         raise ValueError("there is no curve: the list is empty")
     parts, shapes, dtypes = [], [], []
     for k, curve in enumerate(given):
-        array = np.asarray(curve)
-        x = checked_points(array, f"curve {k}" if several else "points")
+        what = f"curve {k}" if several else "points"
+        array = unmasked(curve, what)
+        x = checked_points(array, what)
         ends = ends_of(x, closed)
         x = x[:-1] if ends.repeated else x
         least = 3 if ends.closed else 2
@@ -123,6 +124,21 @@ def curves_of(points: npt.ArrayLike | Sequence[npt.ArrayLike] | Curves, closed: 
     if len({x.shape[1] for x in parts}) > 1:
         raise ValueError(f"all curves must have the same dimension, got {sorted({x.shape[1] for x in parts})}")
     return Curves(parts, shapes, dtypes, several)
+
+
+def _of_curves(points: Sequence[Any]) -> bool:
+    """Return whether a list is one of curves, and not of the vertices of one; a curve may be empty, which is refused.
+
+    Raises
+    ------
+    ValueError
+        A curve, or a vertex, has rows of different lengths.
+    """
+    try:
+        dimensions = {np.ndim(x) if len(x) else 0 for x in points if np.ndim(x)}
+    except ValueError:
+        raise ValueError("a curve has vertices with different numbers of coordinates") from None
+    return 2 in dimensions or not points
 
 
 def _of_shapes(shapes: Shapes, closed: bool | None) -> Curves:

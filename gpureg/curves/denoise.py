@@ -7,7 +7,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Unpack
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..weights import Weights
 from .cleaning import Found
 from .crossings import Crossings, crossed, crossings_of, expect_plane, without_crossings
 from .curves import Curves, curves_of
+from .noise import TELLING, blurred_axis
 from .task import Task
 
 
@@ -133,7 +134,7 @@ def denoised(
         displacement=np.linalg.norm(value - together, axis=1),
         seconds=time.perf_counter() - begin,
         curves=curves,
-        found=task.found,
+        found=task.found if lam is None else tuple(replace(one, few=False) for one in task.found),
         crossings=crossings_of(curves.points, curves.split(value), curves.closed),
         shortened=shortened,
     )
@@ -175,9 +176,34 @@ def warnings_of(found: CurveDenoising) -> list[str]:
                 f"{which} is closed as given, but its ends are {found.curves.ends[k].gap:.3g} apart, far more than "
                 "other vertices: it was not smoothed across them"
             )
+    told += _not_told(found)
     told += crossed(found.crossings)
     if found.shortened:
         told.append(f"{found.shortened} vertices moved less than they would, so that the result does not cross itself")
+    return told
+
+
+def _not_told(found: CurveDenoising) -> list[str]:
+    """Say which curves are too short to tell their noise, and which coordinates have the noise of others."""
+    told = []
+    few = sum(one.few for one in found.found)
+    if few:
+        which = f"{few} of {len(found.found)} curves" if found.curves.several else "the curve"
+        told.append(
+            f"the noise of {which} cannot be told from fewer than {TELLING} different vertices: they stay as they are; "
+            "sigma= says it"
+        )
+    if not (found.estimated and found.found):
+        return told
+    for k, (x, after, shut) in enumerate(zip(found.curves.points, found.points, found.curves.closed, strict=True)):
+        blurred = blurred_axis(x, after - x, shut)
+        if blurred is not None:
+            low, high, least, most = blurred
+            told.append(
+                f"{'the curve' if not found.curves.several else f'curve {k}'}: the noise is {least:.3g} in coordinate "
+                f"{low} and {most:.3g} in coordinate {high}; all are smoothed alike, and coordinate {low} moved by "
+                "more than its noise: scale the coordinates to the same noise first"
+            )
     return told
 
 
@@ -194,7 +220,8 @@ def denoise_curve(found: CurveDenoising) -> Any:
     closed : bool, optional
         Whether the last vertex is joined to the first. None: decided for each curve. A curve is closed if the first
         vertex is repeated at the end (to 1e-6 of the mean segment), or if the distance of the ends is at most twice the
-        95 % quantile of the segments' lengths. A repeated vertex is removed, and added again to the result.
+        95 % quantile of the segments' lengths, and in each coordinate at most four times the largest step. A repeated
+        vertex is removed, and added again to the result.
     p : float, default 2
         Degree of regularity > 0. With 1 vertices gather at points joined by straight lines; < 1 simplifies the curve.
     lam : float or (n,) array, optional
@@ -234,7 +261,8 @@ def denoise_curve(found: CurveDenoising) -> Any:
     Warns
     -----
     UserWarning
-        Outliers were found; the ends of a curve given as closed are far apart; the result crosses itself at more places
+        Outliers were found; a curve is too short to tell its noise; one coordinate has far more noise than another; the
+        ends of a curve given as closed are far apart; the result crosses itself at more places
         than the input; moves were shortened because of `valid`.
 
     Notes

@@ -17,6 +17,9 @@ _WINDOW = 30
 _VARIES = 2.2
 # Where more than this share of the second differences is 0, the curve is made of straight lines.
 _STRAIGHT = 0.6
+# A coordinate is blurred if another one has more than the first number times its noise, and it moved by more than the
+# second number times its noise.
+_UNEVEN, _MOVED = 3.0, 1.5
 # The median of |x| for a standard normal x.
 _MEDIAN = 0.6744897501960817
 
@@ -103,3 +106,21 @@ def _on_pixels(steps: FloatArray, still: float) -> bool:
     multiple = steps / unit
     whole = np.rint(multiple)
     return bool((np.abs(multiple - whole) < 1e-6).all() and whole.max() <= 2)
+
+
+def blurred_axis(x: FloatArray, moves: FloatArray, closed: bool) -> tuple[int, int, float, float] | None:
+    """Find the coordinate that moved by more than its noise, because another one has far more.
+
+    Return it, the one with the most noise, and the noise of both; None if there is none, and for curves in the plane.
+    `x` are the vertices, (n, d), and `moves`, (n, d), their displacements.
+    """
+    if x.shape[1] < 3 or len(x) < TELLING or not moves.any():
+        return None
+    noise = np.array([np.median(noise_along(column[:, None], closed)) for column in x.T])
+    moved = np.median(np.abs(moves), axis=0) / _MEDIAN
+    high = int(noise.argmax())
+    blurred = (noise[high] > _UNEVEN * noise) & (moved > _MOVED * noise)
+    if not blurred.any():
+        return None
+    low = int(np.where(blurred, moved - _MOVED * noise, -1.0).argmax())
+    return low, high, float(noise[low]), float(noise[high])

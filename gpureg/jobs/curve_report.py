@@ -286,7 +286,7 @@ class CurveReport(ShapeReport):
 
 
 def _anything(found: Found) -> bool:
-    return bool(len(found.outliers) or len(found.gaps) or found.repeats or found.opened)
+    return bool(len(found.outliers) or len(found.gaps) or found.repeats or found.opened or found.few)
 
 
 def found_line(found: Sequence[Found]) -> str:
@@ -296,6 +296,7 @@ def found_line(found: Sequence[Found]) -> str:
         "gap(s), not smoothed across": sum(len(one.gaps) for one in found),
         "repeat(s), counted once": sum(one.repeats for one in found),
         "closed curve(s) with ends far apart, treated as open": sum(one.opened for one in found),
+        "curve(s) too short to tell their noise, left as they are": sum(one.few for one in found),
     }
     return f"found    {'; '.join(f'{count} {what}' for what, count in counts.items() if count)}"
 

@@ -15,8 +15,9 @@ from ..points.cluster import cluster_points
 from ..points.contents import PointsError, PointsFile
 from ..points.denoise import denoised
 from ..points.files import POINT_FORMATS, encode_points, lost_in, point_format, read_all, read_points
-from ..points.filters import PointDenoising, PointFilter
+from ..points.filters import PointFilter
 from ..points.renewed import renewed_normals
+from ..points.report import PointDenoising
 from .many import Many, treat_files
 from .options import ViewedSettings
 from .outputs import Outputs

@@ -14,7 +14,7 @@ from .. import metrics
 from .._version import __version__
 from ..arrays import FloatArray
 from ..points.contents import PointsFile
-from ..points.filters import PointDenoising
+from ..points.report import PointDenoising
 from .report import Change, Displacement, ShapeReport, noise_line, number
 
 _WORDS = {"surface": "distance to the surface", "nearest": "distance to the nearest", "point": "points"}

@@ -16,7 +16,8 @@ from ..graphs.components import Components
 from ..graphs.of_shapes import mesh_graph
 from ..regularization.denoised import check_numbers, checked_fidelity, limited
 from ..regularization.options import MODEL, Model
-from ..shapes.surface import border_vertices, proper_faces, surface_of
+from ..shapes.orientation import used_faces
+from ..shapes.surface import border_vertices, surface_of
 from ..weights import Weights, cotangent
 from .filters import FILTERS, Filter, Task
 from .report import MeshDenoising
@@ -55,7 +56,7 @@ def denoised(
     whole, which = surface.welded()
     k = len(whole.vertices)
     # triangles without an area join nothing and have no normal
-    faces_used = whole.faces[proper_faces(whole.vertices, whole.faces)]
+    faces_used = used_faces(whole.vertices, whole.faces, ": they count turned round, and stay as they are")
     pinned = np.zeros(k, bool)
     if fixed is not None:
         pinned[which[checked_flags("fixed", fixed, n)]] = True
@@ -112,7 +113,7 @@ def denoise_mesh(found: MeshDenoising) -> Any:
     mesh : (vertices, faces), trimesh.Trimesh, pyvista.PolyData or open3d.geometry.TriangleMesh
         A mesh, or only its vertices, (n, 3), with `faces` as the second argument. Vertices at the same point, up to
         1e-5 of the edges around, count as one, so that meshes that repeat them (STL) do not tear; vertices without a
-        face do not move. Faces without an area count for nothing.
+        face do not move. Faces without an area and repeated faces count for nothing.
     faces : (F, 3) int array, optional
     filter : {"normals", "positions"}, default "normals"
         "normals" regularizes the unit normals of the faces and moves the vertices to fit them: it preserves creases
@@ -165,7 +166,8 @@ def denoise_mesh(found: MeshDenoising) -> Any:
     Warns
     -----
     UserWarning
-        The noise of a component cannot be told: nothing moves there.
+        The noise of a component cannot be told: nothing moves there. Faces are turned against their neighbours: they
+        count as if they were turned round.
 
     Notes
     -----
@@ -175,6 +177,7 @@ def denoise_mesh(found: MeshDenoising) -> Any:
     the mean edge length of its component, the default lam there is edge^(p - 2) 2^(p - 3) / s for positions, that is
     0.5/s at p = 2, and 1.1 sqrt(degree / m) / sigma for values at p = 1, with the mean degree and m channels. Single
     vertices or values far from all of their neighbours begin at the mean or median of these, and have lam = 0.
+    Channels of values whose noise differs by more than a factor of two are regularized apart.
 
     Normals are regularized in up to 20 rounds, each from the current mesh: two sweeps of the model on the graph of
     faces across vertices, at p = 2 and lam = 0, with weights (a(u) a(v))^(1/3) exp(-|g(u) - g(v)|^2 / s^2) of the

@@ -17,7 +17,8 @@ from ..graphs.csr import Graph
 from ..graphs.of_shapes import adjacent_faces
 from ..model.result import Result
 from ..noise.fidelity import fidelities_to_values, fidelity_to_normals
-from ..noise.local import local_noise, ranges, settled, without_impulses
+from ..noise.local import ranges
+from ..noise.values import alike_channels, mean_squares, value_noise
 from ..progress import progress_bar
 from ..regularization.options import MODEL, RUN, Model
 from ..regularization.regularize import regularize
@@ -173,18 +174,18 @@ class Task:
         return self._regularized("positions", p, _alike(lam))
 
     def values(self) -> MeshDenoising:
-        """Regularize values other than positions, each vertex by the noise around it."""
+        """Regularize values other than positions, each vertex by the noise around it, and alike channels together."""
+        if self.sigma is None and self.lam is None and self.weights is None:
+            groups = alike_channels(self.f0, self.graph)
+            if len(groups) > 1:
+                return self._in_groups(groups)
         p = 1.0 if self.p is None else self.p
         labels, n = self.parts.labels, len(self.f0)
         noise = np.full(n, math.nan if self.sigma is None else self.sigma)
         unknown = self.used & (self.parts.sizes() < TELLING) & (self.sigma is None)
         far, smooth = np.zeros(n, bool), self.f0
         if self.sigma is None:
-            told = (self.used & ~unknown)[labels]
-            smooth, far = without_impulses(self.f0, self.graph, self.parts)
-            far &= told
-            smooth = np.where(far[:, None], smooth, self.f0)
-            noise[told] = settled(local_noise(smooth, self.graph), self.parts)[told]
+            noise, smooth, far = value_noise(self.f0, self.graph, self.parts, (self.used & ~unknown)[labels])
         lam = self.lam
         if lam is None:
             degree = self.parts.means(np.diff(self.graph.indptr).astype(np.float64))[labels]
@@ -195,6 +196,21 @@ class Task:
         known = noise[~np.isnan(noise)]
         sigma = float(np.sqrt(np.mean(known**2))) if known.size else math.nan
         return replace(found, sigma=sigma, noise=noise, spikes=int(far.sum()), unknown=int(unknown.sum()))
+
+    def _in_groups(self, groups: list[IntArray]) -> MeshDenoising:
+        """Regularize groups of channels one after another."""
+        sizes, value = [len(group) for group in groups], self.f0.copy()
+        each = [replace(self, f0=self.f0[:, group]).values() for group in groups]
+        for group, part in zip(groups, each, strict=True):
+            value[:, group] = part.value
+        return replace(
+            each[0],
+            value=value,
+            results=tuple(result for part in each for result in part.results),
+            sigma=float(mean_squares([np.array(part.sigma) for part in each], sizes)),
+            noise=mean_squares([part.noise for part in each], sizes),
+            spikes=max(part.spikes for part in each),
+        )
 
     def _found(self, value: FloatArray, filter: str, results: Iterable[Result], **more: Any) -> MeshDenoising:
         sigma, measured = self.sigma, "noise" in self.__dict__

@@ -12,12 +12,13 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray
 from ..checks import choice
 from ..doors import door, outside
-from ..graphs.components import Components
+from ..graphs.components import Components, sorted_medians
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import face_edges, mesh_graph
 from ..noise.graphs import MEDIAN, averaging
 from ..noise.local import ring_medians, row_medians, row_noise, settled, spread, twice_growth
-from ..shapes.surface import proper_faces, surface_of, vertex_normals
+from ..shapes.orientation import used_faces
+from ..shapes.surface import surface_of, vertex_normals
 
 Per = Literal["mesh", "component", "vertex"]
 
@@ -42,9 +43,9 @@ _LEVEL, _THIN = 0.98, 0.2
 # usual distance around; out of the planes of its faces it is by the last share of this distance at least, which long
 # strips of triangles are not.
 _SPIKE, _TIMES, _BENT = 0.8, 4.0, 0.05
-# A flying vertex has edges all longer than this number of times the opposite edges of its faces, and is out of the
-# planes of its faces by this share of them.
-_LONG, _APEX = 3.0, 0.25
+# A flying vertex has edges longer than this number of times the usual opposite edge of its faces, this share of them at
+# least, and is out of the planes of its faces by the last share of that edge.
+_LONG, _MOSTLY, _APEX = 3.0, 0.65, 0.25
 # Passes in which spikes are found, each with fewer of them among the neighbours.
 _PASSES = 4
 
@@ -98,15 +99,16 @@ def measured(v: FloatArray, faces: IntArray, graph: Graph, parts: Components) ->
     indptr = np.searchsorted(ends[order], np.arange(n + 1))
 
     def bent(v: FloatArray, normals: FloatArray) -> FloatArray:
-        return row_noise(indptr, np.repeat(plane_offsets(v, four, normals), 2)[order])
+        return np.repeat(plane_offsets(v, four, normals), 2)[order]
 
     normals = vertex_normals(v, faces)
-    plane = bent(v, normals)
-    flying = flying_vertices(v, faces, plane)
+    offsets = bent(v, normals)
+    plane = row_noise(indptr, offsets)
+    flying = flying_vertices(v, faces, np.nan_to_num(row_medians(indptr, offsets)))
     v, spikes = without_spikes(v, graph, M, plane, flying)
     if spikes.any():
         normals = vertex_normals(v, faces)
-        plane = bent(v, normals)
+        plane = row_noise(indptr, bent(v, normals))
     heights = ((v - M @ v) * normals).sum(axis=1)
     curved = np.abs(heights - M @ heights) / twice_growth(graph, M)
     smaller = np.minimum(
@@ -167,15 +169,33 @@ def plane_offsets(v: FloatArray, four: IntArray, normals: FloatArray) -> FloatAr
 
 
 def flying_vertices(v: FloatArray, faces: IntArray, plane: FloatArray) -> npt.NDArray[np.bool_]:
-    """Find vertices far out of a surface: with long edges around a small ring, and out of their faces, (n,) bool."""
-    shortest, opposite = np.full(len(v), np.inf), np.zeros(len(v))
+    """Find vertices far out of a surface: with long edges around a small ring, and out of their faces, (n,) bool.
+
+    `plane`, (n,), is the median of :func:`plane_offsets` around each vertex: of two that are neighbours, the faces to
+    the other one are flat. Up to three of them may be neighbours: a third of the edges may be short, and less than half
+    of the ring long.
+    """
+    n = len(v)
+    longest, opposite = np.zeros(n), np.full(n, np.inf)
+    sides = [np.linalg.norm(v[faces[:, (k + 1) % 3]] - v[faces[:, (k + 2) % 3]], axis=1) for k in range(3)]
     for k in range(3):
-        one, two, three = (faces[:, (k + j) % 3] for j in range(3))
-        lengths = np.linalg.norm(v[one] - v[two], axis=1)
-        np.minimum.at(shortest, one, lengths)
-        np.minimum.at(shortest, two, lengths)
-        np.maximum.at(opposite, three, lengths)
-    flying: npt.NDArray[np.bool_] = (shortest > _LONG * opposite) & (plane > _APEX * opposite) & (opposite > 0)
+        np.minimum.at(opposite, faces[:, k], sides[k])
+        np.maximum.at(longest, faces[:, k], np.maximum(sides[k - 1], sides[k - 2]))
+    flying = np.zeros(n, bool)
+    # the medians are of the few vertices that may be flying
+    may = (longest > _LONG * opposite) & (plane > _APEX * opposite)
+    if not may.any():
+        return flying
+    corner = faces.T.ravel()
+    across = np.concatenate(sides)
+    edges = np.stack([np.concatenate([sides[k - j] for k in range(3)]) for j in (1, 2)], axis=1)
+    few = may[corner]
+    corner, across, edges = corner[few], across[few], edges[few]
+    order = np.lexsort((across, corner))
+    count = np.bincount(corner, minlength=n)
+    ring = np.nan_to_num(sorted_medians(across[order], np.concatenate([[0], np.cumsum(count)])))
+    long = np.bincount(corner, (edges > _LONG * ring[corner, None]).mean(axis=1), n)
+    flying = may & (long >= _MOSTLY * count) & (plane > _APEX * ring) & (ring > 0)
     return flying
 
 
@@ -195,13 +215,18 @@ def without_spikes(
     rows, enough = graph.edge_rows(), np.diff(graph.indptr) > 2
     spikes = np.zeros(len(v), bool)
     smooth = v
+    if flying.any():
+        # several of them that are neighbours hide each other in means
+        share = M @ (~flying).astype(np.float64)
+        begin = (M @ np.where(flying[:, None], 0.0, v)) / np.where(share > 0, share, 1.0)[:, None]
+        smooth = np.where((flying & (share > 0))[:, None], begin, v)
     for _ in range(_PASSES):
         means = M @ smooth
         own = row_medians(graph.indptr, np.linalg.norm(smooth[rows] - smooth[graph.indices], axis=1))
         around = row_medians(graph.indptr, own[graph.indices])
         usual = ring_medians(graph, ring_medians(graph, np.linalg.norm(smooth - means, axis=1)))
         far = np.linalg.norm(v - means, axis=1)
-        found = enough & (far > _SPIKE * around) & (far > _TIMES * usual) & (flying | (plane > _BENT * far))
+        found = enough & (far > _SPIKE * around) & (flying | ((far > _TIMES * usual) & (plane > _BENT * far)))
         if (found == spikes).all():
             break
         spikes = found
@@ -261,7 +286,7 @@ def estimate_mesh_noise(mesh: Any, faces: npt.ArrayLike | None = None, *, per: P
     """
     choice("per", per, ("mesh", "component", "vertex"))
     surface, which = surface_of(mesh, faces).welded()
-    corners = surface.faces[proper_faces(surface.vertices, surface.faces)]
+    corners = used_faces(surface.vertices, surface.faces)
     graph = mesh_graph(surface.vertices, corners)
     parts = Components.of(graph)
     noise = measured(parts.centred(surface.vertices), corners, graph, parts)

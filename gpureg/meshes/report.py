@@ -26,7 +26,8 @@ class MeshDenoising(Denoised[float]):
     filter : {"normals", "positions", "Taubin", "values"}
     lam : float or array
         An array if `lam` was one, or if the noise is not the same everywhere: (n,), one per vertex without repetitions;
-        for "normals" (F,), one per face with an area. 0 for the rounds of guided normals.
+        for "normals" (F,), one per face with an area. 0 for the rounds of guided normals. Of several groups of channels
+        that of the one with the least noise.
     sigma : float
         The noise, as :func:`gpureg.estimate_mesh_noise` gives it; NaN if it cannot be told.
     surface : Surface

@@ -20,7 +20,7 @@ from ..model.result import Result
 from ..regularization.options import RUN, Run
 from ..regularization.regularize import regularize
 from ..shapes.carried import Carried
-from ..shapes.surface import Surface, surface_of, vertex_normals
+from ..shapes.surface import Surface, proper_faces, surface_of, vertex_normals
 from ..solvers import Solver
 from ..weights import Weights, bilateral, guided
 from .collapse import Collapses
@@ -128,6 +128,8 @@ def simplified(
         regularize, p=p, lam=lam, norm=norm, eps=eps, solver=solver, max_iter=max_iter, tol=tol, **options
     )
     whole, which = surface.welded()
+    if not proper_faces(whole.vertices, whole.faces).any():
+        raise ValueError("the mesh has no shape to simplify: none of its faces has an area")
     labels, kept = which, _first(which, len(whole.vertices))
     # squares of coordinates far from the origin have too few digits for distances
     centre = whole.vertices.mean(axis=0)
@@ -214,7 +216,7 @@ def simplify_mesh(found: MeshSimplification) -> Any:
     Raises
     ------
     TypeError, ValueError
-        Not a triangle mesh; arguments out of range.
+        Not a triangle mesh, or one of which no face has an area; arguments out of range.
     BackendUnavailable, FloatingPointError, Interrupted
         As :func:`gpureg.regularize`.
 

@@ -18,10 +18,11 @@ from ..regularization.denoised import check_numbers, checked_fidelity, limited
 from ..regularization.options import MODEL, Model
 from ..shapes.cloud import cloud_of
 from ..weights import Weights
-from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointDenoising, PointFilter, Task
+from .filters import MOST_MOVED, NEIGHBOURS, POINT_FILTERS, PointFilter, Task
 from .merging import merged, unmerged
 from .outliers import outliers
 from .renewed import renewed_normals
+from .report import PointDenoising
 
 
 def denoised(
@@ -202,8 +203,9 @@ def denoise_points(found: PointDenoising) -> Any:
     default lam is 0.5 / a^2 for normals, with a the median distance of neighbouring N around a point over sqrt(2), or
     the part of it that the noise explains, if that is less; 2^(p - 2) 4 s^(p - 1) / sigma for positions, with s the
     median distance to the nearest point; 1.1 sqrt(degree / m) / sigma for values at p = 1. Here sigma is the noise
-    around the point, if it was not given as a number. Points are fitted to normals by five steps of Lu, Schaefer, Luo,
-    Ma and He (IEEE TVCG 28(8), 2022).
+    around the point, if it was not given as a number. Values far beyond those of all neighbours but one begin at the
+    median of these and have lam = 0, and channels whose noise differs by more than a factor of two are regularized
+    apart. Points are fitted to normals by five steps of Lu, Schaefer, Luo, Ma and He (IEEE TVCG 28(8), 2022).
 
     Examples
     --------

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_points import knn_graph
 from ..model.result import Result
-from ..regularization.denoised import Denoised
+from ..noise.fidelity import fidelities_to_values
+from ..noise.local import row_medians
+from ..noise.values import ValueNoise, alike_channels, mean_squares, value_noise
 from ..regularization.options import Model
 from ..regularization.regularize import regularize
 from ..shapes.cloud import Cloud
 from ..weights import Weights, bilateral, guided
-from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels, row_medians, value_levels
+from .levels import POINTS, ROUNDS, Bodies, around_each, bodies, opened, point_levels
 from .normals import directions, fitted_points, planes_of, projectors, tilt
+from .report import PointDenoising
 from .surface import LEAST, OWN, fitted_surface
 
 PointFilter = Literal["surface", "normals", "positions"]
@@ -37,83 +41,10 @@ _REACH = 0.35
 _FIT = 5
 # Default bound on the displacement, in standard deviations of the noise.
 MOST_MOVED = 3.0
+# With fewer points in a component values do not tell their noise.
+_TELLING = 3
 # The default fidelity to normals is this over the square of their noise.
 _TO_NORMALS = 0.5
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PointDenoising(Denoised[float]):
-    """The result of denoising a point cloud: see :class:`Denoised`.
-
-    Attributes
-    ----------
-    filter : {"surface", "normals", "positions", "values"}
-    sigma : float
-        The given noise, or the root mean square of `levels`; NaN if it cannot be told.
-    cloud : Cloud
-        The input points.
-    k : int
-        Neighbours that each point chose in the graph.
-    spacing : float
-        Median distance from a point to its nearest neighbour in the input, copies left out.
-    normals : (n, d) float array or None
-        The regularized unit normals, of either orientation, 0 for outliers; None with the filters of other functions.
-    levels : (n,) float array or None
-        The estimated noise around each point; NaN where it cannot be told, and for outliers. None if sigma was given.
-    outliers : (n,) bool array
-        Points that lie alone, or off the surface of their neighbours: they took no part, and are where they were.
-    repeated : int
-        Number of points that repeat others and were merged with them while the points were denoised.
-    """
-
-    WHAT: ClassVar[Mapping[str, str]] = {
-        "surface": "quadrics through 8 to 160 neighbours, a scale for each point, along averaged normals",
-        "normals": "normals of the neighbourhoods, points moved to fit them",
-        "positions": "positions of the points",
-        "values": "values at the points",
-    }
-
-    cloud: Cloud
-    k: int
-    spacing: float
-    normals: FloatArray | None = None
-    levels: FloatArray | None = None
-    outliers: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    repeated: int = 0
-
-    @property
-    def points(self) -> FloatArray:
-        """Positions of the points after denoising, (n, d)."""
-        return self.value if self.moves else self.cloud.points
-
-    @property
-    def unknown(self) -> int:
-        """Number of points, other than outliers, where the noise cannot be told."""
-        return 0 if self.levels is None else int((np.isnan(self.levels) & ~self.outliers).sum())
-
-    def warnings(self) -> list[str]:
-        """Say in sentences which points were left as they were, and why."""
-        told, n = [], len(self.cloud.points)
-        if self.outliers.any():
-            told.append(
-                f"{int(self.outliers.sum())} of {n} points are outliers, alone or off the surface of their neighbours: "
-                "they took no part and stay where they are"
-            )
-        if self.unknown:
-            told.append(
-                f"the noise of {self.unknown} of {n} points cannot be told, they have too few neighbours: they stay as "
-                "they are; sigma= says it"
-            )
-        return told
-
-    def describe(self) -> str:
-        """Describe the filter and its parameters in one line."""
-        if np.isnan(self.sigma):
-            return f"{self.WHAT[self.filter]}: the noise cannot be told from so few points"
-        return super().describe()
-
-    def _parameters(self) -> str:
-        return f"{self.k} neighbours, {super()._parameters()}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,21 +95,47 @@ class Task:
         return bodies(self.points, self.graph)
 
     def of_values(self, f0: FloatArray) -> PointDenoising:
-        """Regularize values other than positions, (n, m), on the graph of neighbours."""
-        graph = self.graph
-        sigma, levels = self._noise(lambda: value_levels(f0, graph, around_each(self.points)))
-        p, lam = 1.0 if self.p is None else self.p, self.lam
+        """Regularize values other than positions, (n, m), on the graph of neighbours, and alike channels together."""
+        graph, p, lam = self.graph, 1.0 if self.p is None else self.p, self.lam
+        if self.sigma is None and lam is None and self.weights is None:
+            groups = alike_channels(f0, graph)
+            if len(groups) > 1:
+                return self._in_groups(f0, groups)
+        f, far, results = f0, np.zeros(len(f0), bool), []
+        sigma, levels = self.sigma, None
+        if sigma is None:
+            levels, smooth, far = self._value_noise(f0)
+            sigma = mean_level(levels)
         if lam is None:
-            # the gradient norm contains the noise of all channels
-            together = np.asarray(sigma if levels is None else levels) * math.sqrt(f0.shape[1])
-            degree = graph.n_edges / graph.n_vertices
-            lam = _where(together > 0, lambda: 1.1 * degree ** (p / 2) * together ** (p - 2))
-        f, results = f0, []
+            noise = np.full(len(f0), sigma) if levels is None else levels
+            lam = fidelities_to_values(np.full(len(f0), graph.n_edges / graph.n_vertices), noise, p, f0.shape[1])
+            lam[far] = 0.0
+            lam = float(lam[0]) if (lam == lam[0]).all() else lam
+            if far.any():
+                f = np.where((far & ~self.pinned)[:, None], smooth, f0)
         if not _is_infinite(lam):
             most = 100 if self.max_iter is None else self.max_iter
-            results = [self._run(f0, graph, p, lam, most, self.weights)]
+            results = [self._run(f, graph, p, lam, most, self.weights)]
             f = results[0].value.astype(np.float64)
         return self._found(f, "values", results, sigma=sigma, p=p, lam=lam, levels=levels)
+
+    def _value_noise(self, f0: FloatArray) -> ValueNoise:
+        parts = Components.of(self.graph)
+        return value_noise(f0, self.graph, parts, parts.sizes()[parts.labels] >= _TELLING)
+
+    def _in_groups(self, f0: FloatArray, groups: list[IntArray]) -> PointDenoising:
+        """Regularize groups of channels one after another."""
+        sizes, value = [len(group) for group in groups], f0.copy()
+        each = [self.of_values(f0[:, group]) for group in groups]
+        for group, part in zip(groups, each, strict=True):
+            value[:, group] = part.value
+        return replace(
+            each[0],
+            value=value,
+            results=tuple(result for part in each for result in part.results),
+            sigma=float(mean_squares([np.array(part.sigma) for part in each], sizes)),
+            levels=mean_squares([np.asarray(part.levels) for part in each], sizes),
+        )
 
     def moved(self, filter: PointFilter) -> PointDenoising:
         """Fit a surface, or regularize the points, or regularize the normals and fit the points to them."""
@@ -201,7 +158,7 @@ class Task:
 
     def _levels(self) -> FloatArray:
         x, graph = self.points, self.graph
-        return point_levels(x, graph) if x.shape[1] in (2, 3) else value_levels(x, graph, around_each(x))
+        return point_levels(x, graph) if x.shape[1] in (2, 3) else self._value_noise(x).local
 
     def _found(
         self,
@@ -234,7 +191,7 @@ class Task:
         p, lam = 2.0 if self.p is None else self.p, self.lam
         if lam is None:
             noise = np.asarray(sigma if levels is None else levels)
-            spacing = self.bodies.spacing if self.bodies.bodies > 1 else self.bodies.spacing[0]
+            spacing = self.bodies.spacing if self.bodies.parts.count > 1 else self.bodies.spacing[0]
             lam = _where((noise > 0) & (spacing > 0), lambda: 2 ** (p - 2) * 4 * spacing ** (p - 1) / noise)
         x, results = self.points, []
         left = 0 if _is_infinite(lam) else 100 if self.max_iter is None else self.max_iter
@@ -263,7 +220,7 @@ class Task:
                 noise = np.minimum(_median(apart), _median(wide))
             else:
                 near = around_each(x)
-                differ = np.median(row_medians(apart, graph)[near], axis=1)
+                differ = np.median(np.nan_to_num(row_medians(graph.indptr, apart))[near], axis=1)
                 noise = np.minimum(differ, np.median(turned[near], axis=1))
                 # near creases normals differ because of the shape too
                 noise = np.sqrt(opened(noise**2, graph, ROUNDS[d]) * POINTS[d])

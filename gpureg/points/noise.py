@@ -10,6 +10,7 @@ import numpy as np
 from ..arrays import FloatArray, IntArray
 from ..checks import choice
 from ..doors import door, outside
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..graphs.of_points import knn_graph
 from ..model.result import Result
@@ -113,7 +114,5 @@ def _levels(x: FloatArray) -> tuple[FloatArray, IntArray]:
         return fit.sigma, fit.component
     if x.shape[1] == 3 or len(x) < 3:
         return np.full(len(x), np.nan), np.zeros(len(x), int)
-    from scipy.sparse.csgraph import connected_components
-
     graph = knn_graph(x, NEIGHBOURS)
-    return point_levels(x, graph), connected_components(graph.to_scipy(), directed=False)[1]
+    return point_levels(x, graph), Components.of(graph).labels

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from .filters import PointDenoising
 from .normals import nearest, planes
+from .report import PointDenoising
 
 # Neighbours for planes, where the filter had no normals, and for the side.
 _PLANE, _SIDE = 18, 8

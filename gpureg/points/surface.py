@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.csr import Graph
 from ..model.result import Result
 from ..weights import bilateral, guided
-from .levels import group_medians
 from .normals import directions, planes, projectors
 from .quadrics import in_pieces, terms
 
@@ -139,19 +139,20 @@ def _graph(near: IntArray) -> Graph:
 def _normals(y: FloatArray, near: IntArray, run: Run) -> tuple[FloatArray, list[Result], Graph, IntArray]:
     """Compute guided normals (n, 3) of planes through `near`; also the runs, the graph and its components (n,)."""
     from scipy import sparse
-    from scipy.sparse.csgraph import connected_components
 
     n, d = y.shape
     graph = _graph(near[:, : GRAPH + 1])
     u, v = graph.edge_rows(), graph.indices
     joined = sparse.csr_array((np.ones(len(v)), v, graph.indptr), shape=(n, n))
-    count, part = connected_components(graph.to_scipy(), directed=False)
+    parts = Components.of(graph)
+    part = parts.labels
     rows, results = projectors(planes(y, near).normals), []
     normals: FloatArray = np.empty((n, d))
     for _ in range(_SWEEPS):
         mean = directions(joined @ rows + rows, d)
         apart = np.sqrt(_between(mean, u, v))
-        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * group_medians(apart, part[u], count)) ** 2)
+        usual = np.nan_to_num(parts.medians(apart, part[u]))
+        scale = np.sqrt(_BASE**2 + np.minimum(_MOST, _FACTOR * usual) ** 2)
         # one scale for each component: no edge joins two
         guide = projectors(mean) / scale[part][:, None]
         results.append(run(rows, graph, OWN, guided(bilateral(np.inf, 1.0), guide)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import sorted_medians
 
 # Distance of vertices that count as one, in mean edges around them: ten times the rounding and jitter of 1e-6 edges of
 # triangle soups, because two copies are further apart than each is from its place.
@@ -20,8 +21,9 @@ _DIRECTION = np.array([1.0, 2.0**0.5, 3.0**0.5]) / 6.0**0.5
 def same_points(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     """Number the points of a mesh, (n,), in the order of their first vertices; None if no two vertices are the same.
 
-    Vertices are the same point if they are equal, or closer than 1e-5 times the mean length of the edges around them,
-    around that of the shorter edges. This is local, so that a small body in a large scene does not become one point.
+    Vertices are the same point if they are equal, or closer than 1e-5 times the mean or median length of the edges
+    around them, whichever is less, around that of the shorter edges: a vertex very far away joins no others. This is
+    local, so that a small body in a large scene does not become one point.
     """
     along = vertices @ _DIRECTION
     edges = _mean_edges(vertices, faces)
@@ -34,7 +36,7 @@ def same_points(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     which = which.ravel()
     # of the copies at a point, those without a face have no edges
     reach = np.zeros(len(points))
-    np.maximum.at(reach, which, WELD * edges)
+    np.maximum.at(reach, which, WELD * np.minimum(edges, _usual_edges(vertices, faces)))
     numbers = _closer(points, reach)[which]
     if numbers.max(initial=-1) + 1 == len(vertices):
         return None
@@ -57,6 +59,16 @@ def _mean_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
             total += np.bincount(end, weights=lengths, minlength=len(vertices))
             count += np.bincount(end, minlength=len(vertices))
     return np.divide(total, count, out=total, where=count > 0)
+
+
+def _usual_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the median length of the edges of the faces around each vertex, (n,); 0 without a face."""
+    ends = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    lengths = np.repeat(np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1), 2)
+    order = np.lexsort((lengths, ends.ravel()))
+    indptr = np.searchsorted(ends.ravel()[order], np.arange(len(vertices) + 1))
+    medians: FloatArray = np.nan_to_num(sorted_medians(lengths[order], indptr))
+    return medians
 
 
 def _closer(points: FloatArray, reach: FloatArray) -> IntArray:
