@@ -272,7 +272,7 @@ class Measuring:
         energy = middle / max(sigma, 1e-30) ** 2 if middle > 0 else 0.0
         fields = Fields(
             values, smooth, texture, gradient, usable, centres, response, valid, impulses, axes, sigma, self.scale,
-            self.offset, self.low, self.high,
+            self.offset, self.low, self.high, self.whole,
         )  # fmt: skip
         return fields, count, energy, shares
 

@@ -35,6 +35,8 @@ class Fields:
         The noise in units of `scale`, the contrast, and the median of the values.
     low, high : float
         The smallest and the largest value, in the image's units.
+    whole : bool
+        Whether the values have few levels, as whole numbers have.
     """
 
     values: Array
@@ -52,6 +54,7 @@ class Fields:
     offset: float
     low: float
     high: float
+    whole: bool
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,8 @@ _MANY = 0.05
 _RAYLEIGH, _CLOSE = 1.91, 0.15
 # Fewest second differences, and the energy of the gradient over sigma^2 above which there is hardly any noise to test.
 _FEWEST, _NO_NOISE = 300, 1e4
+# Steps count as at most so many sigma, so that a few edges of the scene do not decide.
+_STEP = 4.0
 # A phase of 8 must stand out by so many standard errors of the mean of |x|, which are 0.75 / sqrt(n).
 _CERTAIN = 5 * 0.75
 # Number of pieces of a line; a stripe is in all of them, an edge in a few.
@@ -109,7 +111,8 @@ def whiteness(measured: Measured) -> Whiteness | None:
     return Whiteness(
         correlated=correlated,
         periodic=periodic,
-        blocks=not periodic and max(_steps_by_phase(fields, half, axis) for axis in (1, 2)) > _BLOCKS,
+        # what was a JPEG has few levels
+        blocks=not periodic and fields.whole and max(_steps_by_phase(fields, half, axis) for axis in (1, 2)) > _BLOCKS,
         stripes=not periodic and max(rows, columns) > 0,
         # in a mosaic each pixel of a saturated colour is far from all its neighbours
         impulses=not correlated and not periodic and share > least,
@@ -183,7 +186,7 @@ def _steps_by_phase(fields: Fields, bound: float, axis: int) -> float:
     ok = fields.usable & fields.centres
     known = ok[one] & ok[other] & (fields.texture[one] < bound)
     steps = np.abs(values[one] - values[other])
-    np.minimum(steps, 4 * fields.sigma, out=steps)
+    np.minimum(steps, _STEP * fields.sigma, out=steps)
     steps *= known
     across = (0, 3 - axis)
     total, count = steps.sum(axis=across, dtype=np.float64), known.sum(axis=across)
