@@ -80,7 +80,7 @@ class NoiseReport:
         if any_says(lambda c: c.period == 2):
             found.append(
                 "every second row or column is alike, as in the mosaic of a colour sensor: denoise the four images "
-                "image[i::2, j::2] one by one, or develop the mosaic first (sigma was taken from pixels 6 apart)"
+                "image[i::2, j::2] as channels, or develop the mosaic first (sigma was taken from pixels 6 apart)"
             )
         if any_says(lambda c: c.period == 8):
             found.append("blocks of 8 x 8 pixels from JPEG compression stand out and stay: use the uncompressed image")
