@@ -20,7 +20,6 @@ GAINS = [
     ("What the noise is", "with impulses", "impulses replaced", 11.0),
     ("What the noise is", "with stripes", "stripes stay", 7.0),
     ("What the noise is", "stripes stay", "stripes subtracted", 0.8),
-    ("What the noise is", "mosaic", "mosaic as one", 4.0),
     ("What the noise is", "mosaic", "mosaic denoised", 4.0),
     ("A volume", "noisy", "denoise_image", 15.0),
     ("A volume", "noisy", "denoise_nl_means", 15.0),
