@@ -161,7 +161,7 @@ def _numbers(points: FloatArray, ring: bool) -> list[list[float | None]]:
 
 
 def _finite(node: Any) -> Any:
-    """Copy a document with null in the place of NaN and infinity."""
+    """Copy a document with null instead of NaN and infinity."""
     if isinstance(node, float):
         return node if math.isfinite(node) else None
     if isinstance(node, dict):

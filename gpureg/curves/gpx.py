@@ -124,7 +124,7 @@ def _set(point: ElementTree.Element, vertex: FloatArray) -> None:
 
 
 def _replace(parent: ElementTree.Element, old: list[ElementTree.Element], new: list[ElementTree.Element]) -> None:
-    """Put elements in the place of others of the same parent."""
+    """Replace elements by others of the same parent."""
     place = list(parent).index(old[0])
     indent = old[0].tail
     for point in old:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .picture import Metadata, Picture, PictureError, Tags, split
 from .png import chunks_of, metadata_of
 
-# What Pillow tells of a file that is kept, or says nothing of the picture.
+# Entries of Pillow's `info` that are written again, or that do not describe the picture: they need no note.
 _KEPT = {
     *("icc_profile", "exif", "xmp", "XML:com.adobe.xmp", "dpi", "transparency", "background", "version", "compression"),
     *("jfif", "jfif_version", "jfif_unit", "jfif_density", "adobe", "adobe_transform", "progressive", "progression"),

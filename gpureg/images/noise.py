@@ -306,7 +306,7 @@ def _levels(raster: Raster, photon: tuple[PhotonNoise | None, ...], sigmas: tupl
 
 
 def levels_of(raster: Raster, noise: Noise) -> Noise:
-    """Return the noise with the root mean square of its lines over the image in the place of its sigmas."""
+    """Return the noise; the sigma of a channel with a line is the root mean square of the line over the image."""
     if noise.photon is None or noise.sigmas is None:
         return noise
     return replace(noise, sigmas=_levels(raster, noise.photon, noise.sigmas))

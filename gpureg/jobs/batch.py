@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import fmean as mean
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from ..backends import BackendUnavailable
 from ..files.pictures import FORMATS, PictureError
@@ -31,13 +31,23 @@ def sentence(error: BaseException) -> str:
     return str(error)
 
 
+class AsJson(Protocol):
+    """The report on one file."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as a dictionary for JSON."""
+
+
+R = TypeVar("R", bound=AsJson)
+
+
 @dataclass
-class Outcome:
+class Files(Generic[R]):
     """The result for many files: reports of those that are done, messages of those that failed."""
 
     folder: Path
     count: int
-    done: list[DenoiseReport] = field(default_factory=list)
+    done: list[R] = field(default_factory=list)
     failed: list[tuple[Path, str]] = field(default_factory=list)
     interrupted: bool = False
 
@@ -45,6 +55,16 @@ class Outcome:
         """Return the outcome as a dictionary for JSON."""
         failed = [{"input": str(source), "error": error} for source, error in self.failed]
         return {"files": [report.as_json() for report in self.done], "failed": failed}
+
+    def failures(self) -> str:
+        """List the files that failed, and why."""
+        told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in self.failed)
+        return "\n".join((f"{len(self.failed)} of {self.count} files failed:", *(f"  {line}" for line in told)))
+
+
+@dataclass
+class Outcome(Files[DenoiseReport]):
+    """The result for many pictures."""
 
     def lines(self) -> list[str]:
         """Return the outcome, without the failures, as lines of text."""
@@ -72,16 +92,6 @@ class Outcome:
             f" -> {self.folder}"
         )
         return lines
-
-    def failures(self) -> str:
-        """List the files that failed, and why."""
-        return failures(self.failed, self.count)
-
-
-def failures(failed: Sequence[tuple[Path, str]], count: int) -> str:
-    """List the files of `count` that failed, and why."""
-    told = (error if error.startswith(str(source)) else f"{source}: {error}" for source, error in failed)
-    return "\n".join((f"{len(failed)} of {count} files failed:", *(f"  {line}" for line in told)))
 
 
 def is_pattern(text: str) -> bool:

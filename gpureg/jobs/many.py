@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..progress import progress_bar
-from .batch import FAILURES, failures, make_folder, sentence, targets_of
+from .batch import FAILURES, Files, make_folder, sentence, targets_of
 from .report import ShapeReport
 
 
 @dataclass
-class Many:
-    """The reports on many files, and the messages of those that failed."""
-
-    folder: Path
-    count: int
-    done: list[ShapeReport] = field(default_factory=list)
-    failed: list[tuple[Path, str]] = field(default_factory=list)
-    interrupted: bool = False
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the outcome as a dictionary for JSON."""
-        failed = [{"input": str(source), "error": error} for source, error in self.failed]
-        return {"files": [report.as_json() for report in self.done], "failed": failed}
+class Many(Files[ShapeReport]):
+    """The result for many files of shapes."""
 
     def lines(self) -> list[str]:
         """Return the outcome, without the failures, as lines of text."""
@@ -34,10 +22,6 @@ class Many:
         on = ", ".join(sorted({report.backend for report in self.done if report.backend}))
         count = f"{len(self.done)} of {self.count} files"
         return [*told, f"done     {count} in {seconds:.2f} s{f' on {on}' if on else ''} -> {self.folder}"]
-
-    def failures(self) -> str:
-        """List the files that failed, and why."""
-        return failures(self.failed, self.count)
 
 
 def treat_files(

@@ -331,5 +331,5 @@ class Task:
 
 
 def _alike(lam: float | FloatArray) -> float | FloatArray:
-    """Return one number in the place of equal ones."""
+    """Return a single number if all are equal."""
     return float(lam[0]) if isinstance(lam, np.ndarray) and (lam == lam[0]).all() else lam
