@@ -34,20 +34,6 @@ def spread(values: Values, samples: int = _SAMPLES) -> float:
     return _rounded(max((_of_channel(values[:, c], samples) for c in range(values.shape[1])), default=0.0))
 
 
-def limits(values: Values) -> tuple[float, float]:
-    """Return the smallest and largest of the values (n,) without a thousandth, or one, at each end.
-
-    Of more than 2^15 values as many at equal distances count.
-    """
-    values = _sampled(values, _SAMPLES)
-    n = len(values)
-    if n < _TINY:
-        return (float(values.min()), float(values.max())) if n else (0.0, 0.0)
-    out = max(1, n // 1000)
-    part = np.partition(values, (out, n - 1 - out))
-    return float(part[out]), float(part[n - 1 - out])
-
-
 def _sampled(channel: Values, samples: int) -> Values:
     # an odd distance, which does not fall in step with rows of even length
     return channel if len(channel) <= samples else channel[:: len(channel) // samples | 1]

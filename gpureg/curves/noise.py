@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
+from ..noise.graphs import MEDIAN
 
 # With fewer vertices noise cannot be distinguished from shape.
 TELLING = 12
@@ -20,8 +21,6 @@ _STRAIGHT = 0.6
 # A coordinate is blurred if another one has more than the first number times its noise, and it moved by more than the
 # second number times its noise.
 _UNEVEN, _MOVED = 3.0, 1.5
-# The median of |x| for a standard normal x.
-_MEDIAN = 0.6744897501960817
 
 
 def running_median(values: FloatArray, closed: bool) -> FloatArray:
@@ -46,7 +45,7 @@ def running_noise(x: FloatArray, closed: bool) -> FloatArray:
     best = np.full(len(x), math.inf)
     for order in (3, 4):
         # each coordinate by itself: one without noise, such as a height, must not hide that of the others
-        squares = _differences(x, order, closed) ** 2 / _MEDIAN**2
+        squares = _differences(x, order, closed) ** 2 / MEDIAN**2
         if closed:
             squares = np.roll(squares, order // 2, axis=0)
         else:
@@ -79,14 +78,14 @@ def noise_along(x: FloatArray, closed: bool) -> FloatArray:
 
 def _middle_noise(x: FloatArray, closed: bool) -> float:
     """Estimate one noise level for a path or ring; 0 if more than half of it is free of noise."""
-    each = np.median(np.abs(_differences(x, 4, closed)), axis=0) / _MEDIAN
+    each = np.median(np.abs(_differences(x, 4, closed)), axis=0) / MEDIAN
     middle = math.sqrt(float((each**2).mean()))
     return middle if middle > 1e-9 * float(np.abs(np.diff(x, axis=0)).max()) else 0.0
 
 
 def _pixel_noise(x: FloatArray, closed: bool) -> float:
     """Estimate one noise level for the outline of pixels; 0 if most differences of the fourth order are."""
-    return float(np.median(np.abs(_differences(x, 4, closed)))) / _MEDIAN
+    return float(np.median(np.abs(_differences(x, 4, closed)))) / MEDIAN
 
 
 def is_rounded(x: FloatArray, closed: bool) -> bool:
@@ -117,7 +116,7 @@ def blurred_axis(x: FloatArray, moves: FloatArray, closed: bool) -> tuple[int, i
     if x.shape[1] < 3 or len(x) < TELLING or not moves.any():
         return None
     noise = np.array([np.median(noise_along(column[:, None], closed)) for column in x.T])
-    moved = np.median(np.abs(moves), axis=0) / _MEDIAN
+    moved = np.median(np.abs(moves), axis=0) / MEDIAN
     high = int(noise.argmax())
     blurred = (noise[high] > _UNEVEN * noise) & (moved > _MOVED * noise)
     if not blurred.any():

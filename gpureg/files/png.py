@@ -34,11 +34,6 @@ def read_deep_png(path: Path, where: str) -> Picture:
     return Picture(pixels, alpha, profile, metadata=metadata_of(found))
 
 
-def is_animated(data: bytes) -> bool:
-    """Return whether a PNG holds several pictures."""
-    return any(name == b"acTL" for name, _ in chunks_of(data))
-
-
 def chunks_of(data: bytes) -> list[tuple[bytes, bytes]]:
     """List the chunks in front of the pixels, and behind them."""
     at, found = 8, []

@@ -11,7 +11,6 @@ import trimesh
 import gpureg as gr
 from gpureg.meshes.denoise import denoised
 from gpureg.meshes.normals import fitted_vertices
-from gpureg.noise.graphs import noise_on_graph
 from gpureg.shapes.surface import face_normals, surface_of
 
 SPHERE, FINE = trimesh.creation.icosphere(3), trimesh.creation.icosphere(4)
@@ -155,12 +154,6 @@ def test_estimated_noise(share, mesh):
     sigma = share * mesh.edges_unique_length.mean()
     # within a sixth: the larger noise tilts the normals along which it is seen
     assert gr.estimate_mesh_noise(noisy(mesh, share), mesh.faces) == pytest.approx(sigma, rel=0.17)
-
-
-def test_noise_of_values_on_a_graph():
-    graph = gr.mesh_graph(SPHERE.vertices, SPHERE.faces)
-    f = np.array(SPHERE.vertices)[:, :1] + np.random.default_rng(1).normal(0, 0.3, (len(SPHERE.vertices), 1))
-    assert noise_on_graph(f, graph) == pytest.approx(0.3, rel=0.1)
 
 
 def test_fitted_vertices_is_the_update_of_sun_and_others():
