@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .dispatch import absent, auto, devices, get, names, why_auto
 from .duality import BALL_ROUNDINGS
+from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
 from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
@@ -15,6 +16,8 @@ __all__ = [
     "BackendUnavailable",
     "Conductance",
     "Device",
+    "GroupForm",
+    "Groups",
     "PatchForm",
     "Smoothness",
     "Storage",

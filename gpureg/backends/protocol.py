@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
 from .duality import Duality
+from .groups import GroupPrimitives
 from .patches import (
     PatchForm,
 )
@@ -19,7 +20,7 @@ from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_sto
 from .zones import Zones
 
 
-class Backend(Duality, Zones):
+class Backend(Duality, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters

@@ -19,6 +19,7 @@ from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .duality import NumpyDuality
 from .edges import Edges, conductance_of, raised
+from .groups import NumpyGroups
 from .patches import NumpyPatches
 from .zones import NumpyZones
 
@@ -35,7 +36,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpyDuality, NumpyPatches, NumpyZones):
+class NumpyBackend(NumpyDuality, NumpyGroups, NumpyPatches, NumpyZones):
     """The primitives in numpy."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:

@@ -14,6 +14,7 @@ from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
 from .duality import OpenCLDuality
 from .geometry import GridGeometry
+from .groups import OpenCLGroups
 from .layout import GridLayout
 from .patches import OpenCLPatches
 from .queue import vector_width
@@ -59,7 +60,7 @@ def devices() -> list[Device]:
     return described
 
 
-class OpenCLBackend(OpenCLDuality, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

@@ -28,6 +28,7 @@ from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from . import pool
 from .duality import WarpDuality
+from .groups import WarpGroups
 from .layout import channels_of
 from .patches import WarpPatches
 from .pool import launch_all, quiet
@@ -90,7 +91,7 @@ def devices() -> list[Device]:
     return sorted(described, key=lambda device: device.rank)
 
 
-class WarpBackend(WarpDuality, WarpPatches, WarpZones):
+class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:

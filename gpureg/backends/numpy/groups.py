@@ -1,0 +1,129 @@
+"""Groups of patches in numpy: the reference for the devices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray, IntArray
+from ...graphs.grid import GridGraph, row_major
+from ..groups import GroupForm, GroupPrimitives, Groups, group_planes
+from ..patches import patch_jumps
+from ..types import Array
+
+# Numbers in an array of distances, or of patches.
+_BAND = 1 << 22
+
+
+class NumpyGroups(GroupPrimitives):
+    """Groups by a table of distances, and the step by batches of matrices."""
+
+    def patch_groups(
+        self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
+    ) -> Groups:
+        planes = group_planes(graph, guide.astype(self.dtype, copy=False), form)
+        references = form.references(graph.shape)
+        members = np.zeros((len(references), form.most), np.int32)
+        sizes = np.zeros(len(references), np.int32)
+        limit = np.full(len(references), form.flat * form.cells * len(planes))
+        if level is not None:
+            limit = limit * level[references]
+        for band in _bands(len(references), form.places + form.cells * len(planes)):
+            found, count = self._members(graph, planes, form, references[band], limit[band].astype(self.dtype))
+            members[band], sizes[band] = found, count
+        if graph.mask is not None:
+            sizes[~graph.mask.ravel()[references]] = 0
+        return Groups(graph, form, members, sizes)
+
+    def _members(
+        self, graph: GridGraph, planes: FloatArray, form: GroupForm, references: IntArray, limit: FloatArray
+    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        shape = np.array(graph.shape)
+        padded = planes.shape[1:]
+        at = np.stack(np.unravel_index(references, graph.shape), axis=1)
+        cells = _cells(form, padded)
+        flat = planes.reshape(len(planes), -1)
+        middle = np.array(form.patch)
+        own = flat[:, (at + middle) @ row_major(padded)[:, None] + cells]
+        distance = np.full((len(references), form.places), np.inf, self.dtype)
+        offsets = form.offsets()
+        for place in range(form.places):
+            there = at + offsets[place]
+            inside = ((there >= 0) & (there < shape)).all(axis=1)
+            if graph.mask is not None:
+                inside[inside] = graph.mask[tuple(there[inside].T)]
+            if not inside.any():
+                continue
+            patches = flat[:, (there[inside] + middle) @ row_major(padded)[:, None] + cells]
+            distance[inside, place] = ((patches - own[:, inside]) ** 2).sum(axis=(0, 2))
+        known = np.isfinite(distance)
+        n = min(form.nearest, form.places)
+        nearest = np.partition(distance, n - 1, axis=1)[:, n - 1]
+        # a window with fewer patches: all of them
+        nearest = np.where(np.isfinite(nearest), nearest, np.where(known, distance, 0).max(axis=1))
+        chosen = known & (distance <= np.maximum(nearest, limit)[:, None])
+        total = chosen.sum(axis=1, keepdims=True)
+        rank = np.cumsum(chosen, axis=1) - 1
+        spread = (rank + 1) * form.most // np.maximum(total, 1) > rank * form.most // np.maximum(total, 1)
+        chosen &= (total <= form.most) | spread
+        sizes = chosen.sum(axis=1).astype(np.int32)
+        members = np.zeros((len(references), form.most), np.int32)
+        rows, columns = np.nonzero(chosen)
+        members[rows, (np.cumsum(chosen, axis=1) - 1)[rows, columns]] = columns
+        return members, sizes
+
+    def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        return groups.members.copy(), groups.sizes.copy()
+
+    def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
+        graph, form = groups.graph, groups.form
+        noisy, pilot = (group_planes(graph, x.astype(self.dtype, copy=False), form) for x in (f0, guide))
+        noise = None
+        if np.ndim(variance) > 0:
+            noise = group_planes(graph, np.asarray(variance, self.dtype).reshape(-1, 1), form)[0].ravel()
+        padded = noisy.shape[1:]
+        size, channels = math.prod(padded), len(noisy)
+        references = np.stack(np.unravel_index(form.references(graph.shape), graph.shape), axis=1)
+        steps = form.offsets() @ row_major(padded)
+        centres = (references + np.array(form.patch)) @ row_major(padded)
+        cells = _cells(form, padded)
+        total, count = np.zeros((channels, size), self.dtype), np.zeros(size, self.dtype)
+        for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
+            sizes = groups.sizes[band]
+            used = np.arange(form.most) < sizes[:, None]
+            # (groups, members, cells) indices in a padded plane
+            where = (centres[band, None] + steps[groups.members[band]])[..., None] + cells
+            present = used[..., None].astype(self.dtype)
+            n = np.maximum(sizes, 1)[:, None].astype(self.dtype)
+            diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
+            if noise is not None:
+                diagonal = (noise[where] * present).sum(axis=1) / n
+            covers = where[used].ravel()
+            # one after the other, so that parts of a grid give the same bits
+            np.add.at(count, covers, 1)
+            for c in range(channels):
+                a, b = noisy[c].ravel()[where], pilot[c].ravel()[where]
+                a = (a - ((a * present).sum(axis=1) / n)[:, None]) * present
+                b = (b - ((b * present).sum(axis=1) / n)[:, None]) * present
+                matrix = b.swapaxes(1, 2) @ b / np.maximum(n - 1, 1)[..., None]
+                index = np.arange(form.cells)
+                matrix[:, index, index] += diagonal
+                change = (a @ np.linalg.inv(matrix)) * diagonal[:, None, :]
+                np.add.at(total[c], covers, change[used].ravel())
+        change = np.divide(total, count, out=noisy.reshape(channels, -1) - pilot.reshape(channels, -1), where=count > 0)
+        value = (noisy.reshape(channels, -1) - change).reshape(noisy.shape)
+        inner = tuple(slice(r, r + size) for r, size in zip(form.patch, graph.shape, strict=True))
+        return np.ascontiguousarray(np.moveaxis(value[:, *inner], 0, -1).reshape(-1, channels))
+
+
+def _cells(form: GroupForm, padded: tuple[int, ...]) -> IntArray:
+    """Return the cells of a patch as index steps from its middle in a padded plane, (M,)."""
+    return patch_jumps(tuple(2 * r + 1 for r in form.patch), row_major(padded))
+
+
+def _bands(count: int, each: int) -> list[slice]:
+    """Return ranges of groups with a bounded number of numbers in total."""
+    size = max(1, _BAND // each)
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)]
