@@ -99,7 +99,8 @@ class NumpyGroups(GroupPrimitives):
             n = np.maximum(sizes, 1)[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
-                diagonal = (noise[where] * present).sum(axis=1) / n
+                # 1 for a group without members, as its matrix has an inverse then
+                diagonal = np.where(sizes[:, None] > 0, (noise[where] * present).sum(axis=1) / n, self.real(1))
             covers = where[used].ravel()
             # one after the other, so that parts of a grid give the same bits
             np.add.at(count, covers, 1)
