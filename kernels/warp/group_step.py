@@ -246,16 +246,16 @@ def _make(real, N, lanes, body):
 
 
 @functools.cache
-def make(real, N, lanes):
-    """Make `estimate`: on a CPU (`lanes` = 1) for one channel of a block, on a GPU (N = 1) of a group."""
-    if lanes == 1:
+def make(real, N, lanes, whole):
+    """Make `estimate`; `whole`: a work item is a block of groups, and adds what it computes."""
+    if whole:
         return _make(real, N, lanes, _ESTIMATE + _ADD + _SCRATCH + _BLOCK)
     return _make(real, N, lanes, _ESTIMATE + _SCRATCH + _GROUP)
 
 
 @functools.cache
 def make_add(real, lanes):
-    """Make `add` for a GPU: one channel of a block."""
+    """Make `add`, if a work item of `estimate` is one group."""
     return _make(real, 1, lanes, _ADD + _SCRATCH + _ADD_BLOCK)
 
 

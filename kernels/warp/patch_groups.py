@@ -32,7 +32,7 @@ _FIND = """
     }
     T* const d = s.scratch.data + (size_t)item * lines * pitch;
     const B largest = %(largest)s, unknown_bits = %(infinity)s;
-    auto number = [](B bits) -> T { T x; __builtin_memcpy(&x, &bits, sizeof(T)); return x; };
+    auto number = [](B bits) -> T { union { B bits; T x; } same = {bits}; return same.x; };
     const T unknown = number(unknown_bits);
 
     for (int job = lane; job < lines * groups; job += LANES) {

@@ -32,7 +32,7 @@ class WarpGroups(WarpLaunches):
         self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
     ) -> Groups:
         planes = group_planes(graph, np.asarray(guide, self.dtype), form)
-        N, lanes = self._vector(), self._lanes()
+        N, lanes, _ = self._team()
         width = 2 * form.window[-1] + 1
         packs = -(-width // N)
         U = -(-packs // -(-packs // (_MOST_VECTORS if N > 1 else 1)))
@@ -79,7 +79,7 @@ class WarpGroups(WarpLaunches):
         graph, form = groups.graph, groups.form
         noisy, pilot = (group_planes(graph, np.asarray(x, self.dtype), form) for x in (f0, guide))
         m, shape = len(noisy), noisy.shape[1:]
-        N, lanes = self._vector(), self._lanes()
+        N, lanes, whole = self._team()
         order, starts, phases = _blocks(graph, form)
 
         step = group_step.struct(self.real)()
@@ -100,16 +100,17 @@ class WarpGroups(WarpLaunches):
         count = wp.zeros(math.prod(shape), dtype=self.real, device=self._on)
         # two tables of the patches of a group, its matrix, and two rows
         each = (2 * -(-form.most // 4) * 4 + P + 2) * P * m
-        items = np.arange(len(starts)) if lanes == 1 else starts
+        items = np.arange(len(starts)) if whole else starts
         bands = _bands(items, phases, self._band(each))
         most = max(int(items[b] - items[a]) for a, b in bands)
         step.scratch = wp.zeros(most * each, dtype=self.real, device=self._on)
         for a, b in bands:
             work = int(starts[b] - starts[a]) * m * form.most * form.cells**2 // PACK_SPEED
             dim = (int(items[b] - items[a]) * m * lanes,)
-            self._launch(dim, group_step.make, (self.real, N, lanes), [step, a], count, work=work)
-            if lanes > 1:
-                self._launch(((b - a) * m * lanes,), group_step.make_add, (self.real, lanes), [step, a], count, work=work)
+            self._launch(dim, group_step.make, (self.real, N, lanes, whole), [step, a], count, work=work)
+            if not whole:
+                dim = ((b - a) * m * lanes,)
+                self._launch(dim, group_step.make_add, (self.real, lanes), [step, a], count, work=work)
         out = self.empty(graph, m)
         rows, width = out.shape
         padded = np.arange(math.prod(shape)).reshape(shape)
@@ -120,12 +121,11 @@ class WarpGroups(WarpLaunches):
         self._launch((rows, width), group_step.make_average, (self.real,), inputs, numbers, work=rows * width * m)
         return out
 
-    def _vector(self) -> int:
-        """Return the numbers that a thread treats at once."""
-        return _VECTOR_BYTES // self.dtype.itemsize if self._on.is_cpu else 1
-
-    def _lanes(self) -> int:
-        return 1 if self._on.is_cpu else LANES
+    def _team(self) -> tuple[int, int, bool]:
+        """Return the numbers of a vector, the threads of a work item, and whether a work item is a block of groups."""
+        if self._on.is_cpu:
+            return _VECTOR_BYTES // self.dtype.itemsize, 1, True
+        return 1, LANES, False
 
     def _band(self, each: int) -> int:
         """Return how many work items a launch has at most, if each needs so many numbers of scratch memory."""
