@@ -11,7 +11,7 @@ from gpureg import backends, kernels
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
 # Parts of one language alone; kernels/README.md says why.
-WARP_PARTS = {"pack"}
+WARP_PARTS = {"pack", "lanes"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.

@@ -20,7 +20,7 @@ from .launching import WarpLaunches
 from .pool import PACK_SPEED
 
 # Numbers in the scratch memory of a launch; a GPU needs more work items at once.
-_CPU_BAND, _CUDA_BAND = 1 << 22, 1 << 26
+_CPU_BAND, _CUDA_BAND = 1 << 22, 1 << 25
 # Bytes of a vector on a CPU, and the most vectors of distances at once: both sums and values fit the registers.
 _VECTOR_BYTES, _MOST_VECTORS = 32, 6
 
@@ -54,7 +54,7 @@ class WarpGroups(WarpLaunches):
         search = patch_groups.struct(self.real)()
         search.g, search.inside = self._upload_reals(planes.ravel()), self._upload_reals(inside.ravel())
         search.channels, search.plane, search.pitch = len(planes), inside.size, shape[-1]
-        search.live = self._indices(inside.reshape(-1, shape[-1]).any(axis=1))
+        search.live = self._indices(inside.reshape(-1, shape[-1]).max(axis=1))
         search.centres = self._indices(_centres(graph, references, margins, shape))
         search.limits = self._upload_reals(limits)
         search.lines = self._indices(_jumps(form.window[:-1], shape[:-1]))
