@@ -93,8 +93,8 @@ class NumpyGroups(GroupPrimitives):
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
             sizes = groups.sizes[band]
             used = np.arange(form.most) < sizes[:, None]
-            # (groups, members, cells) indices in a padded plane
-            where = (centres[band, None] + steps[groups.members[band]])[..., None] + cells
+            # (groups, members, cells) indices in a padded plane; the reference where there is no member
+            where = (centres[band, None] + steps[groups.members[band]] * used)[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = np.maximum(sizes, 1)[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
