@@ -1,12 +1,14 @@
-"""r(v) = S (C + S)^-1 (a(v) - mean a) for the patches a(v) of a group; f0 minus the mean of all r that cover a cell
+"""The step of the model at p = 2 on groups of patches, with a matrix for lam, and the mean of the patches' estimates
+                                                             (eq. 25 with values in R^M; Lebrun, Buades, Morel 2013)
+For each group, with N members v, their patches a(v) of f0 and b(v) of the guide, and means over the group:
 
-C is the covariance of the patches b(v) of the guide over the N members of the group, and S is diagonal, the mean of the
-patches of the variance:
+  C = 1/(N - 1) sum_v (b(v) - mean b)(b(v) - mean b)^T,   S = diag(mean over v of the variances of the patch)
+  r(v) = S (C + S)^-1 (a(v) - mean a)
+  out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
 
-    C = 1/(N - 1) sum_v (b(v) - mean b)(b(v) - mean b)^T,   0 if N = 1
-
-Where no patch covers a cell, the result is the guide. (C + S)^-1 is by Gauss-Jordan elimination without exchanges: the
-matrix is positive definite, and pivot k is at least S_kk, as C is semidefinite, which is enforced against rounding.
+C = 0 if N = 1. Where no patch covers a cell, the result is the guide. (C + S)^-1 is by Gauss-Jordan elimination without
+exchanges: the matrix is positive definite, and pivot k is at least S_kk, as C is semidefinite, which is enforced
+against rounding.
 
 A block is a box of references, such that blocks with one block between them write no cell in common. So all blocks
 whose indices have the same parities run at once, one set of parities (a phase) after the other, and no sum needs

@@ -1,8 +1,9 @@
-"""d(u, v) = sum_j |g(u + j) - g(v + j)|^2 over the cells j of a patch and the channels; the patches most like that of u
+"""The members of the group of each reference u: the patches of a window that are most like that of u    (section 5.2)
 
-The members of the group of a reference u are the vertices v of its window with d(u, v) <= t, where t is the larger of
-the n-th smallest d(u, v) and of `limits`. If there are K > most, those of rank i with floor((i + 1) most/K) >
-floor(i most/K) remain, in row-major order.
+  d(u, v) = sum_j |g(u + j) - g(v + j)|^2 over the cells j of a patch, and all channels
+  t = max(n-th smallest d(u, v) over the window, limits(u)),   members: d(u, v) <= t
+
+Of K > most members, in row-major order, those of rank i with floor((i + 1) most/K) > floor(i most/K) remain.
 
 One work item: one reference. Its distances go to scratch memory. t is exact: numbers >= 0 have the order of their bits
 as integers, so that t is found bit by bit, by counting the distances up to a number.
