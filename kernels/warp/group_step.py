@@ -37,7 +37,7 @@ _ESTIMATE = """
     struct Two { enum { U = 2 }; };
     const int M = s.patch.shape[0], P = s.pitch;
     auto estimate = [&](int r, int c, T* X, T* Y, T* K) {
-        T *const S = K + (size_t)s.pitch * s.pitch, *const F = S + s.pitch;  // the diagonal of S; a column of K
+        T *const S = K + (size_t)s.pitch * s.pitch, *const F = S + s.pitch;  // the diagonal of S; 4 columns of K
         const int n = s.sizes.data[r], rows = (n + 3) / 4;
         const int* member = s.members.data + (size_t)r * s.members.shape[1];
         const long long centre = s.centres.data[r];
@@ -117,26 +117,52 @@ _ESTIMATE = """
         for (int i = 1; i < M; ++i)
             for (int j = lane; j < i; j += LANES)
                 K[i * P + j] = K[j * P + i];
-        for (int i = lane; i < M; i += LANES)
-            K[i * P + i] += S[i];
+        for (int i = lane; i < P; i += LANES)
+            K[i * P + i] = i < M ? K[i * P + i] + S[i] : T(1);
         WP_GPUREG_SYNC();
-        // K = K^-1 in place
-        for (int k = 0; k < M; ++k) {
-            T* const pivot = K + k * P;
-            const T p = pivot[k] > S[k] ? pivot[k] : S[k];
-            for (int i = lane; i < M; i += LANES)
-                F[i] = K[i * P + k];
+        // K = K^-1 in place, 4 pivots at once: first in their own rows, then in all others
+        for (int k = 0; k < M; k += 4) {
+            T* const pivots = K + k * P;
+            for (int i = lane; i < P; i += LANES) {
+                T* const at = K + i * P + k;
+                const T f0 = at[0], f1 = at[1], f2 = at[2], f3 = at[3];
+                T* const f = F + 4 * i;
+                f[0] = f0, f[1] = f1, f[2] = f2, f[3] = f3;
+                if (i < k || i >= k + 4)
+                    at[0] = at[1] = at[2] = at[3] = T(0);
+            }
             WP_GPUREG_SYNC();
-            for (int i = lane; i < M; i += LANES)
-                K[i * P + k] = i == k ? T(1) : T(0);
-            WP_GPUREG_SYNC();
-            for (int q = lane * N; q < P; q += LANES * N)
-                store(pivot + q, load(pivot + q) / p);
-            WP_GPUREG_SYNC();
-            for (int i = 0; i < M; ++i) {
-                const T factor = i == k ? T(0) : F[i];
-                for (int q = lane * N; q < P; q += LANES * N)
-                    store(K + i * P + q, load(K + i * P + q) - factor * load(pivot + q));
+            for (int a = 0; a < 4; ++a) {
+                T* const pivot = pivots + a * P;
+                const T p = T(1) / (pivot[k + a] > S[k + a] ? pivot[k + a] : S[k + a]);
+                T factors[4];
+                for (int b = 0; b < 4; ++b)
+                    factors[b] = pivots[b * P + k + a];
+                WP_GPUREG_SYNC();
+                for (int b = lane; b < 4; b += LANES)
+                    pivots[b * P + k + a] = b == a ? T(1) : T(0);
+                WP_GPUREG_SYNC();
+                for (int q = lane * N; q < P; q += LANES * N) {
+                    const V x = load(pivot + q) * p;
+                    for (int b = 0; b < 4; ++b)
+                        if (b != a)
+                            store(pivots + b * P + q, load(pivots + b * P + q) - factors[b] * x);
+                    store(pivot + q, x);
+                }
+                WP_GPUREG_SYNC();
+            }
+            for (int i = 0; i < M; i += 2) {
+                if (i >= k && i < k + 4)
+                    continue;
+                T *const row = K + i * P, *const next = row + P;
+                const T *f = F + 4 * i, f0 = f[0], f1 = f[1], f2 = f[2], f3 = f[3];
+                const T g0 = f[4], g1 = f[5], g2 = f[6], g3 = f[7];
+                for (int q = lane * N; q < P; q += LANES * N) {
+                    const V x0 = load(pivots + q), x1 = load(pivots + P + q), x2 = load(pivots + 2 * P + q),
+                            x3 = load(pivots + 3 * P + q);
+                    store(row + q, load(row + q) - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3);
+                    store(next + q, load(next + q) - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3);
+                }
             }
             WP_GPUREG_SYNC();
         }
@@ -174,7 +200,7 @@ _ADD = """
 """
 _SCRATCH = """
     const size_t lines = (size_t)(s.members.shape[1] + 3) / 4 * 4;
-    const size_t numbers = (2 * lines + s.pitch + 2) * s.pitch;
+    const size_t numbers = (2 * lines + s.pitch + 5) * s.pitch;
 """
 _BLOCK = """
     T *X = s.scratch.data + item * numbers, *Y = X + lines * P, *K = Y + lines * P;
