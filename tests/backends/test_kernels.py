@@ -29,7 +29,9 @@ INCLUDES = {
 # A kernel whose primitive's name is a built-in function of the language.
 KERNELS = {"dot": "dot_product"}
 PRIMITIVES = sorted(
-    path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS | OPENCL_PARTS | FUSED | FUSED_PARTS
+    path.stem
+    for path in (kernels.folder / "opencl").glob("*.cl")
+    if path.stem not in PARTS | OPENCL_PARTS | FUSED | FUSED_PARTS
 )
 
 

@@ -23,6 +23,7 @@ from gpureg.backends.warp import pool as warp_pool
 
 FLAT = GroupForm((2, 1), (5, 3), (4, 3), nearest=8, most=12, flat=5.0)
 VOLUME = GroupForm((1, 1, 1), (2, 1, 3), (3, 2, 2), nearest=8, most=12, flat=6.0)
+THIN = GroupForm((0, 1, 1), (0, 7, 3), (1, 3, 2), nearest=8, most=12, flat=7.0)
 # two rows of 4 packs for a line of the window
 ROW = GroupForm((2,), (25,), (3,), nearest=5, most=9, flat=3.0)
 # name: shape, channels, form, mask, a map of the variance and levels
@@ -30,6 +31,7 @@ CASES = {
     "grey": ((37, 29), 1, FLAT, False, False),
     "colour, mask and maps": ((23, 31), 3, FLAT, True, True),
     "volume": ((9, 8, 7), 2, VOLUME, True, False),
+    "smaller than the window, a thin axis": ((2, 6, 5), 1, THIN, False, True),
     "row": ((83,), 1, ROW, False, True),
 }
 
