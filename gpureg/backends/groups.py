@@ -162,8 +162,8 @@ class GroupPrimitives(Data):
             r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > largest_trace(dtype) min S
 
         In the second case the matrix is so near to a singular one that its solution would be rounding errors: the
-        variance is tiny beside the contrast. The result at a cell is f0 minus the mean of r over all groups and all patches that cover it; it is `guide`
-        where there is none. With Lam = S^-1 C, a(v) - r(v) is the minimiser of
+        variance is tiny beside the contrast. The result at a cell is f0 minus the mean of r over all groups and all
+        patches that cover it; it is `guide` where there is none. With Lam = S^-1 C, a(v) - r(v) is the minimiser of
 
             1/2 sum_v' |f(v) - a(v')|^2 / N  +  1/2 (f(v) - a(v))^T Lam (f(v) - a(v))
 
