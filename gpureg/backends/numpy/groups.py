@@ -93,13 +93,15 @@ class NumpyGroups(GroupPrimitives):
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
             sizes = groups.sizes[band]
             used = np.arange(form.most) < sizes[:, None]
-            # (groups, members, cells) indices in a padded plane
-            where = (centres[band, None] + steps[groups.members[band]])[..., None] + cells
+            # (groups, members, cells) indices in a padded plane; of unused ones those of the reference
+            jumps = np.where(used, steps[groups.members[band]], 0)
+            where = (centres[band, None] + jumps)[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = np.maximum(sizes, 1)[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
-                diagonal = (noise[where] * present).sum(axis=1) / n
+                # a group without members, of a reference outside the mask, has a matrix as well
+                diagonal = np.where(sizes[:, None] > 0, (noise[where] * present).sum(axis=1) / n, 1)
             covers = where[used].ravel()
             # one after the other, so that parts of a grid give the same bits
             np.add.at(count, covers, 1)
