@@ -71,7 +71,7 @@ class GroupForm:
         A part of a grid that begins at multiples of twice these sides has the blocks of the whole grid.
         """
         units = (math.lcm(_UNIT, step) for step in self.step)
-        return tuple(-(-reach // unit) * unit for reach, unit in zip(self.reach, units, strict=True))
+        return tuple(-(-max(reach, 1) // unit) * unit for reach, unit in zip(self.reach, units, strict=True))
 
     def lattice(self, shape: tuple[int, ...]) -> tuple[IntArray, ...]:
         """Return the positions of the references along each axis of a grid."""
@@ -162,9 +162,12 @@ class GroupPrimitives(Data):
             r(v) = S (C + S)^-1 (a(v) - m)
 
         The result at a cell is f0 minus the mean of r over all groups and all patches that cover it; it is `guide`
-        where there is none. With Lam = S^-1 C, a(v) - r(v) is the minimiser of
+        where there is none. In units of the noise, x' = S^(-1/2) x for every patch x, a(v) - r(v) is the minimiser of
 
-            1/2 sum_v' |f(v) - a(v')|^2 / N  +  1/2 (f(v) - a(v))^T Lam (f(v) - a(v))
+            1/2 sum_v' |f'(v) - a'(v')|^2 / N  +  1/2 (f'(v) - a'(v))^T Lam' (f'(v) - a'(v)),
+            Lam' = S^(-1/2) C S^(-1/2)
+
+        which is (Lam + I)^-1 (Lam a(v) + m) with Lam = S^(1/2) Lam' S^(-1/2) = C S^-1.
 
         Parameters
         ----------
