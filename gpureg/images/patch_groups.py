@@ -88,7 +88,7 @@ def patch_groups(
     -----
     The group of u are the pixels v of the window with d(u, v) <= max(d_k, flat), where d is the mean squared difference
     of the patches, over their cells and channels, and d_k the k-th smallest. Patches that cross the border are filled
-    by reflection. Section 4a of the page on mathematics derives the step.
+    by reflection. Section 3a of the page on mathematics derives the step.
 
     Examples
     --------
