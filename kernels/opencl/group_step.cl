@@ -245,7 +245,8 @@ ALONE __kernel void group_step(
 {
     const int bx = first.x + 2 * (int)get_global_id(0), by = first.y + 2 * (int)get_global_id(1);
     const int bz = first.z + 2 * (int)get_global_id(2);
-    real patches[(MOST + TILE) * ROOM], matrix[MP * MP], variance[MP], change[TILE * ROOM];
+    /* the covariance is computed in TILE rows, of which the last ones may be beyond the matrix */
+    real patches[(MOST + TILE) * ROOM], matrix[(MP + TILE) * MP], variance[MP], change[TILE * ROOM];
     long places[MOST];
     for (int q = 0; q < MP; ++q) variance[q] = q < M ? variance_ : 0;
     for (int k = bz * block.z / steps.z; k < counts.z && REFERENCE(k, z) < (bz + 1) * block.z; ++k)
