@@ -135,17 +135,19 @@ def test_channels(channel_axis):
 
 
 def test_on_every_device(device):
-    """The same groups on whole numbers, and nearly the same step."""
+    """The same groups on whole numbers, and nearly the same step; the form that the tests of the primitives compile."""
     image = (4 * picture(24, 21)).round()
+    options = {"patch_radius": 2, "radius": 4, "step": 4, "k": 10, "most": 16, "flat": 0.5}
     try:
-        groups = gr.patch_groups(image, flat=0.5, backend=device, **SMALL)
+        groups = gr.patch_groups(image, backend=device, **options)
     except BackendUnavailable as error:
         if not str(error).endswith("groups of patches"):
             raise
         pytest.skip(f"{device}: {error}")
-    host = gr.patch_groups(image, flat=0.5, **SMALL, **HOST)
+    host = gr.patch_groups(image, **options, **HOST)
     assert members_of(groups) == members_of(host)
     noisy = image + picture(24, 21, seed=5)
+    # values of size 4: see OFF in test_groups_of_patches.py
     assert_allclose(groups.step(noisy, 0.3), host.step(noisy, 0.3), rtol=0, atol=2e-5)
 
 
