@@ -163,9 +163,13 @@ class GroupPrimitives(Data):
 
         In the second case the matrix is so near to a singular one that its solution would be rounding errors: the
         variance is tiny beside the contrast. The result at a cell is f0 minus the mean of r over all groups and all
-        patches that cover it; it is `guide` where there is none. With Lam = S^-1 C, a(v) - r(v) is the minimiser of
+        patches that cover it; it is `guide` where there is none. In units of the noise, x' = S^(-1/2) x for every patch
+        x, a(v) - r(v) is the minimiser of
 
-            1/2 sum_v' |f(v) - a(v')|^2 / N  +  1/2 (f(v) - a(v))^T Lam (f(v) - a(v))
+            1/2 sum_v' |f'(v) - a'(v')|^2 / N  +  1/2 (f'(v) - a'(v))^T Lam' (f'(v) - a'(v)),
+            Lam' = S^(-1/2) C S^(-1/2)
+
+        which is (Lam + I)^-1 (Lam a(v) + m) with Lam = S^(1/2) Lam' S^(-1/2) = C S^-1.
 
         Parameters
         ----------

@@ -70,6 +70,19 @@ ALONE __kernel void group_step(
 
 #define realW CONCATENATE(REAL_, WIDE)
 #define laneW CONCATENATE(LANE_, WIDE)
+/* As in reals.cl; a call of vload8 with doubles also fails in PoCL where the CPU has no registers of 8 doubles. */
+#ifdef __clang__
+typedef realW realW_anywhere __attribute__((aligned(sizeof(real))));
+#define LOAD_WIDE(p) (*(const realW_anywhere *)(p))
+#define LOAD_WIDE_GLOBAL(p) (*(__global const realW_anywhere *)(p))
+#define STORE_WIDE(p, x) (*(realW_anywhere *)(p) = (x))
+#define STORE_WIDE_GLOBAL(p, x) (*(__global realW_anywhere *)(p) = (x))
+#else
+#define LOAD_WIDE(p) CONCATENATE(vload, WIDE)(0, p)
+#define LOAD_WIDE_GLOBAL(p) LOAD_WIDE(p)
+#define STORE_WIDE(p, x) CONCATENATE(vstore, WIDE)((x), 0, p)
+#define STORE_WIDE_GLOBAL(p, x) STORE_WIDE(p, x)
+#endif
 #if WIDE == 4
 #define COLUMNS ((laneW)(0, 1, 2, 3))
 #elif WIDE == 8
@@ -82,8 +95,8 @@ ALONE __kernel void group_step(
 static inline void add_line(const real *line, __global real *to)
 {
 #ifdef GAP
-    const realW value = CONCATENATE(vload, WIDE)(0, line);
-    CONCATENATE(vstore, WIDE)(CONCATENATE(vload, WIDE)(0, to) + (COLUMNS < D ? value : (realW)(0)), 0, to);
+    const realW value = LOAD_WIDE(line);
+    STORE_WIDE_GLOBAL(to, LOAD_WIDE_GLOBAL(to) + (COLUMNS < D ? value : (realW)(0)));
 #else
 #pragma unroll
     for (int q = 0; q < D; ++q) to[q] += line[q];
@@ -98,7 +111,7 @@ static inline void copy_patch(__global const real *from, const long pitch, const
         __global const real *row = from + (line / (2 * PY + 1)) * layer + (line % (2 * PY + 1)) * pitch;
         real *own = to + line * D;
         /* the next line overwrites the numbers after D */
-        CONCATENATE(vstore, WIDE)(CONCATENATE(vload, WIDE)(0, row), 0, own);
+        STORE_WIDE(own, LOAD_WIDE_GLOBAL(row));
     }
     for (int q = M; q < MP; ++q) to[q] = 0;
 }
@@ -312,7 +325,8 @@ ALONE __kernel void group_step(
 {
     const int bx = first.x + 2 * (int)get_global_id(0), by = first.y + 2 * (int)get_global_id(1);
     const int bz = first.z + 2 * (int)get_global_id(2);
-    real patches[(MOST + TILE) * ROOM], matrix[MP * MP], diagonal[MP * N], variance[MP], change[TILE * ROOM];
+    /* the covariance is computed in TILE rows, of which the last ones may be beyond the matrix */
+    real patches[(MOST + TILE) * ROOM], matrix[(MP + TILE) * MP], diagonal[MP * N], variance[MP], change[TILE * ROOM];
     long places[MOST];
     for (int q = 0; q < MP; ++q) variance[q] = q < M ? variance_ : 0;
     for (int k = bz * block.z / steps.z; k < counts.z && REFERENCE(k, z) < (bz + 1) * block.z; ++k)
