@@ -40,7 +40,7 @@ def panels(rows: Sequence[Row], run: str) -> list[Panel]:
     found = []
     for group in dict.fromkeys(row["group"] for row in rows):
         sigmas = sorted({row["sigma"] for row in rows if row["group"] == group})
-        sigma = sigmas[len(sigmas) // 2]
+        sigma = sigmas[(len(sigmas) - 1) // 2]
         chosen = [row for row in rows if row["group"] == group and row["sigma"] == sigma]
         points = []
         for who in (*OURS, *PEERS):
@@ -135,10 +135,12 @@ def draw(rows: Sequence[Row], run: str, about: dict[str, Any], path: Path) -> No
     from matplotlib import pyplot as plt
 
     found = [panel._replace(points=_drawn(panel.points)) for panel in panels(rows, run) if panel.points]
-    figure, grid = plt.subplots(
-        1, max(1, len(found)), figsize=(7.2 * max(1, len(found)), 5.4), layout="constrained", squeeze=False
-    )
-    for axes, panel in zip(grid[0], found, strict=False):
+    across = min(2, len(found))
+    down = -(-len(found) // across)
+    figure, grid = plt.subplots(down, across, figsize=(7.2 * across, 5.4 * down), layout="constrained", squeeze=False)
+    for axes in grid.flat[len(found) :]:
+        axes.set_axis_off()
+    for axes, panel in zip(grid.flat, found, strict=False):
         ours = [point for point in panel.points if _kind(point.who) == "ours"]
         axes.plot([p.seconds for p in ours], [p.psnr for p in ours], color=COLOURS["ours"], linewidth=1, alpha=0.5)
         for point in panel.points:
@@ -160,6 +162,6 @@ def draw(rows: Sequence[Row], run: str, about: dict[str, Any], path: Path) -> No
         axes.autoscale_view()
         _label(axes, panel.points)
     told = "ours told nothing; BM3D, BM4D told sigma; scikit-image's filters told sigma and tuned by the true PSNR"
-    figure.suptitle(f"{told} ({about['cpu']}, {about['cores']} cores, {about['date'][:10]})", fontsize=9)
+    figure.suptitle(f"{told}\n{about['cpu']}, {about['cores']} cores, {about['date'][:10]}", fontsize=9)
     figure.savefig(path, dpi=130)
     plt.close(figure)

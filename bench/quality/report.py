@@ -72,11 +72,12 @@ def by_row(rows: Sequence[Row]) -> list[str]:
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The rows of each group that there is, and of all pictures of the README."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(NAMES.get(row["group"], row["group"]), []).append(row)
-    if all(NAMES[group] in found for group in README):
-        found["all, README"] = [row for row in rows if row["group"] in README]
+    found = {}
+    there = list(dict.fromkeys(row["group"] for row in rows))
+    for group in there:
+        found[NAMES.get(group, group)] = [row for row in rows if row["group"] == group]
+        if group == README[-1] and README[0] in there:
+            found["all, README"] = [row for row in rows if row["group"] in README]
     return found
 
 

@@ -20,7 +20,7 @@ from .measure import Rows, Run
 from .methods import PEERS
 from .scenes import SCENES, SEEDS, SIGMAS
 
-# What a name of the section on real noise has before it for --only.
+# How the names of cases of real noise begin for --only.
 REAL = "real: "
 
 
@@ -46,9 +46,11 @@ def _arguments() -> argparse.ArgumentParser:
 def _chosen(parser: argparse.ArgumentParser, only: Sequence[str]) -> tuple[list[str], list[str]]:
     """The scenes and the cases of real noise that are asked for and there."""
     names = [name for name, s in SCENES.items() if any(part in name or part in s.group for part in only)]
-    cases = [case for case in real.CASES if any(part in REAL + case for part in only)]
+    cases = [case for case in real.CASES if any((REAL + case).startswith(part) for part in only)]
     if not names and not cases:
-        parser.error(f"nothing has {', '.join(only)} in its name; there are {', '.join(SCENES)}, real")
+        parser.error(
+            f"no image has {' or '.join(map(repr, only))} in its name or group; there are {', '.join(SCENES)}, real"
+        )
     absent = {name: SCENES[name].missing for name in names if SCENES[name].missing}
     if of_data := [name for name in absent if isinstance(SCENES[name].source, str)]:
         parser.error(f"there is no picture {', '.join(of_data)}: {absent[of_data[0]]}")
