@@ -75,13 +75,20 @@ def table(rows: Sequence[Row], run: str) -> str:
 
 
 def _drawn(points: Sequence[Point]) -> list[Point]:
-    """What the figure shows: ways to call ours with the default's result are one mark, and sigma is nobody's choice."""
-    default = next(point for point in points if point.who.startswith(DEFAULT))
-    same = [p.who for p in points if p.who in OURS and p.who != DEFAULT and abs(p.psnr - default.psnr) < 1e-6]
-    left_out = {"sigma given", *same}
-    words = [who for who in same if who != "sigma given"]
-    named = default._replace(who=" = ".join([DEFAULT, *words]))
-    return [named if point is default else point for point in points if point.who not in left_out]
+    """What the figure shows: ways to call ours with equal results are one mark, and nobody chooses the true sigma."""
+    found: list[Point] = []
+    for point in points:
+        twin = next(
+            (k for k, p in enumerate(found) if _kind(p.who) == "ours" and abs(p.psnr - point.psnr) < 1e-6), None
+        )
+        if point.who == "sigma given":
+            continue
+        if twin is None or point.who not in OURS:
+            found.append(point)
+        else:
+            names = sorted([*found[twin].who.split(" = "), point.who], key=lambda who: who != DEFAULT)
+            found[twin] = found[twin]._replace(who=" = ".join(names))
+    return found
 
 
 def _kind(who: str) -> str:
