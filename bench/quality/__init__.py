@@ -21,6 +21,6 @@ denoising by sparse 3-D transform-domain collaborative filtering", IEEE TIP 16(8
 transform-domain filter for volumetric data denoising and reconstruction", IEEE TIP 22(1), 2013; Y. Makinen et al.,
 "Collaborative filtering of correlated noise", IEEE TIP 29, 2020.
 
-Seconds are the least over the seeds, of one call after another of ours that builds kernels, all on the same images in
-one run; those that --peers has from an earlier run have a star. --time-again calls each of these peers once more.
+Seconds are the least over the seeds, on the same images in one run; ours run once before, so that their kernels are
+built. Seconds that --peers has from an earlier run have a star; --time-again calls each of these peers once more.
 """

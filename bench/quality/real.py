@@ -27,7 +27,7 @@ import gpureg as gr
 
 from ..model import peer
 from . import synthetic
-from .methods import bm3d, bm4d
+from .methods import REFERENCES, bm3d, bm4d
 from .report import head, line
 from .scenes import SCENES, Image, picture, psnr
 
@@ -162,12 +162,12 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-def takes_part(who: str, peers: bool) -> bool:
+def takes_part(who: str, peers: Sequence[str]) -> bool:
     """Whether a method is ours, or a peer that is asked for and installed."""
-    return who not in ("BM3D", "BM4D") or (peers and peer(who.lower()) is not None)
+    return who not in REFERENCES or (who in peers and peer(who.lower()) is not None)
 
 
-def measure(names: Sequence[str], seeds: int, peers: bool) -> list[dict[str, Any]]:
+def measure(names: Sequence[str], seeds: int, peers: Sequence[str]) -> list[dict[str, Any]]:
     """Mean PSNR over the draws, and least seconds of one call, of each method in each case that is asked for."""
     rows: list[dict[str, Any]] = []
     for name in names:
@@ -184,7 +184,7 @@ def measure(names: Sequence[str], seeds: int, peers: bool) -> list[dict[str, Any
                 continue
             found = []
             for recipe, denoise in ways.items():
-                if who not in ("BM3D", "BM4D"):
+                if who not in REFERENCES:
                     denoise(noisy[0])  # builds kernels
                 values, seconds = zip(*(_timed(denoise, image) for image in noisy), strict=True)
                 row = {"case": name, "who": who, "psnr": _mean(values, clean, span)}

@@ -83,7 +83,7 @@ def _measured(parser: argparse.ArgumentParser, wanted: argparse.Namespace) -> di
             found["rows"].append(run.measure(name, sigma))
             if wanted.json is not None:
                 _write(wanted.json, found)
-    found["real"] = real.measure(cases, wanted.seeds, bool(peers))
+    found["real"] = real.measure(cases, wanted.seeds, peers)
     return found
 
 
