@@ -100,6 +100,7 @@ class NumpyGroups(GroupPrimitives):
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
                 diagonal = (noise[where] * present).sum(axis=1) / n
+                diagonal[sizes == 0] = 1  # any matrix that has an inverse: it is not used
             covers = where[used].ravel()
             # one after the other, so that parts of a grid give the same bits
             np.add.at(count, covers, 1)
