@@ -34,7 +34,8 @@ class NumpyGroups(GroupPrimitives):
             found, count = self._members(graph, planes, form, references[band], limit[band].astype(self.dtype))
             members[band], sizes[band] = found, count
         if graph.mask is not None:
-            sizes[~graph.mask.ravel()[references]] = 0
+            outside = ~graph.mask.ravel()[references]
+            sizes[outside], members[outside] = 0, 0
         return Groups(graph, form, members, sizes)
 
     def _members(
@@ -85,18 +86,19 @@ class NumpyGroups(GroupPrimitives):
             noise = group_planes(graph, np.asarray(variance, self.dtype).reshape(-1, 1), form)[0].ravel()
         padded = noisy.shape[1:]
         size, channels = math.prod(padded), len(noisy)
-        references = np.stack(np.unravel_index(form.references(graph.shape), graph.shape), axis=1)
+        filled = np.flatnonzero(groups.sizes)
+        references = np.stack(np.unravel_index(form.references(graph.shape)[filled], graph.shape), axis=1)
         steps = form.offsets() @ row_major(padded)
         centres = (references + np.array(form.patch)) @ row_major(padded)
         cells = _cells(form, padded)
         total, count = np.zeros((channels, size), self.dtype), np.zeros(size, self.dtype)
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
-            sizes = groups.sizes[band]
+            sizes = groups.sizes[filled[band]]
             used = np.arange(form.most) < sizes[:, None]
             # (groups, members, cells) indices in a padded plane
-            where = (centres[band, None] + steps[groups.members[band]])[..., None] + cells
+            where = (centres[band, None] + steps[groups.members[filled[band]]])[..., None] + cells
             present = used[..., None].astype(self.dtype)
-            n = np.maximum(sizes, 1)[:, None].astype(self.dtype)
+            n = sizes[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
                 diagonal = (noise[where] * present).sum(axis=1) / n

@@ -2,26 +2,190 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+import pyopencl as cl
 
 from ...arrays import FloatArray
 from ...graphs.grid import GridGraph
-from ..groups import GroupForm, Groups
+from ..groups import GroupForm, Groups, group_planes
 from ..types import Array, BackendUnavailable
+from .buffers import Function
+from .geometry import GridGeometry, round_up
 from .launching import OpenCLLaunches
+
+_AXES = 3
+# Numbers of a pack at most: 49 cells are 7 packs of 8 with 7 numbers unused, or 4 of 16 with 15.
+_LANES = 8
+# Places of a window that fit the type of members on the device.
+_PLACES = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """The lattice of references and the planes of a grid, as in ``lattice.cl``; along x, y, z.
+
+    Parameters
+    ----------
+    graph : GridGraph
+    form : GroupForm
+    lanes : int
+        N.
+    """
+
+    graph: GridGraph
+    form: GroupForm
+    lanes: int
+
+    def along(self, values: tuple[int, ...], beyond: int) -> tuple[int, int, int]:
+        """Return numbers of the axes in the order x, y, z; `beyond` for an axis that the grid does not have."""
+        x, y, z = (*values[::-1], *(beyond,) * (_AXES - len(values)))
+        return x, y, z
+
+    @property
+    def padded(self) -> tuple[int, int, int]:
+        """Sides of a padded plane."""
+        sides = tuple(size + 2 * r for size, r in zip(self.graph.shape, self.form.patch, strict=True))
+        return self.along(sides, 1)
+
+    @property
+    def before(self) -> int:
+        """Numbers before and after the planes: a row of the window, and packs that extend beyond it."""
+        return round_up(2 * self.form.window[-1] + 1 + 2 * self.lanes + 16, self.lanes)
+
+    @property
+    def numbers(self) -> int:
+        """Numbers of a plane."""
+        return math.prod(self.padded)
+
+    def size(self, channels: int) -> int:
+        """Return the numbers of a buffer of planes."""
+        return 2 * self.before + channels * self.numbers
+
+    def planes(self, f: npt.NDArray[Any], dtype: np.dtype[Any]) -> FloatArray:
+        """Copy a host function (n, m) to padded planes between zeros, (size,)."""
+        out = np.zeros(self.size(f.shape[1]), dtype)
+        out[self.before : self.before + f.shape[1] * self.numbers] = group_planes(self.graph, f, self.form).ravel()
+        return out
+
+    def options(self) -> tuple[str, ...]:
+        """Return the build options."""
+        names = ("X", "Y", "Z")
+        patch, window = self.along(self.form.patch, 0), self.along(self.form.window, 0)
+        radii = [f"-DP{name}={r}" for name, r in zip(names, patch, strict=True)]
+        radii += [f"-DW{name}={r}" for name, r in zip(names, window, strict=True)]
+        return (f"-DN={self.lanes}", *radii, f"-DMOST={self.form.most}")
+
+    def args(self, channels: int) -> list[Any]:
+        """Return the kernel arguments LATTICE_ARGS."""
+        shape = self.graph.shape
+        counts = self.form.counts(shape)
+        width, height, _ = self.padded
+        return [
+            _int4(self.along(shape, 1)),
+            _int4(self.along(self.form.step, 1)),
+            _int4(self.along(counts, 1)),
+            np.int64(self.numbers),
+            np.int64(width),
+            np.int64(width * height),
+            np.int64(self.before),
+            np.int32(channels),
+        ]
 
 
 class OpenCLGroups(OpenCLLaunches):
-    """Groups of patches."""
+    """Groups of patches: the search and the step are one kernel each."""
+
+    def _lattice(self, graph: GridGraph, form: GroupForm) -> _Lattice:
+        if graph.ndim > _AXES or form.places > _PLACES:
+            raise BackendUnavailable(
+                f"groups of patches in OpenCL need at most {_AXES} axes and {_PLACES} cells of a window: use numpy"
+            )
+        return _Lattice(graph, form, min(self.lanes, _LANES))
 
     def patch_groups(
         self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
     ) -> Groups:
-        raise BackendUnavailable("groups of patches")
+        lattice, channels = self._lattice(graph, form), guide.shape[1]
+        counts = form.counts(graph.shape)
+        inside, levels = self._nothing, self._nothing
+        if graph.mask is not None:
+            inside = self.upload(lattice.planes(graph.mask.reshape(-1, 1), self.dtype))
+        if level is not None:
+            levels = self.upload(lattice.planes(level.reshape(-1, 1), self.dtype))
+        members = self._allocate(2 * math.prod(counts) * form.most)
+        sizes = self._allocate(4 * math.prod(counts))
+        args = [
+            *lattice.args(channels),
+            self.upload(lattice.planes(guide, self.dtype)),
+            inside,
+            np.int32(graph.mask is not None),
+            levels,
+            np.int32(level is not None),
+            np.int32(form.nearest),
+            self.real(form.flat * form.cells * channels),
+            members,
+            sizes,
+        ]
+        self._on_lattice("patch_groups", lattice.options(), args, lattice.along(counts, 1))
+        return Groups(graph, form, members, sizes)
+
+    def _on_lattice(self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, ...]) -> None:
+        with self._shared.lock:
+            self._kernel(primitive, options, args)(self._shared.queue, size, (1,) * len(size), *args)
 
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-        raise BackendUnavailable("groups of patches")
+        count = math.prod(groups.form.counts(groups.graph.shape))
+        sizes = self._download(groups.sizes, count, np.int32)
+        members = self._download(groups.members, count * groups.form.most, np.uint16).astype(np.int32)
+        members = members.reshape(count, groups.form.most)
+        members[np.arange(groups.form.most) >= sizes[:, None]] = 0
+        return members, sizes
 
     def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
-        raise BackendUnavailable("groups of patches")
+        graph, form, channels = groups.graph, groups.form, f0.shape[1]
+        lattice = self._lattice(graph, form)
+        geometry = self._geometry(graph)
+        assert isinstance(geometry, GridGeometry)
+        noisy, pilot = (self.upload(lattice.planes(x, self.dtype)) for x in (f0, guide))
+        variances, mapped = self._nothing, np.ndim(variance) > 0
+        if mapped:
+            variances = self.upload(lattice.planes(np.asarray(variance).reshape(-1, 1), self.dtype))
+        sums, counts = self._zeros(lattice.size(channels)), self._zeros(lattice.size(1))
+        block = lattice.along(form.block, 1)
+        blocks = [-(-size // side) for size, side in zip(lattice.along(graph.shape, 1), block, strict=True)]
+        of_groups = [
+            noisy,
+            pilot,
+            variances,
+            np.int32(mapped),
+            self.real(0 if mapped else variance),
+            groups.members,
+            groups.sizes,
+            sums,
+            counts,
+        ]
+        # a line of a patch is added in packs of 4, 8 or 16, where that does not reach another block
+        gap = block[0] - 2 * (form.window[-1] + form.patch[-1])
+        wide = next(pack for pack in (4, 8, 16, _PLACES) if pack >= 2 * form.patch[-1] + 1)
+        options = (*lattice.options(), *(("-DGAP",) if wide <= 16 and gap >= wide - 2 * form.patch[-1] - 1 else ()))
+        for parity in itertools.product(*((0, 1) if number > 1 else (0,) for number in blocks[::-1])):
+            first = parity[::-1]
+            size = tuple((number - start + 1) // 2 for number, start in zip(blocks, first, strict=True))
+            args = [*lattice.args(channels), _int4(first), _int4(block), *of_groups]
+            self._on_lattice("group_step", options, args, size)
+        out = self.empty(graph, channels)
+        layout = [np.int64(geometry.pitch), np.int64(geometry.plane), np.int64(geometry.guard)]
+        args = [*lattice.args(channels), noisy, pilot, sums, counts, *layout, out.buffer]
+        size = (-(-graph.shape[-1] // lattice.lanes), math.prod(graph.shape[:-1]))
+        self._on_lattice("group_step", (*lattice.options(), "-DMEAN"), args, size)
+        return Function(out.buffer, channels)
+
+
+def _int4(values: tuple[int, ...]) -> Any:
+    return cl.cltypes.make_int4(*values, *(0,) * (4 - len(values)))
