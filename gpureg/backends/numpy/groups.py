@@ -96,13 +96,14 @@ class NumpyGroups(GroupPrimitives):
             sizes = groups.sizes[filled[band]]
             used = np.arange(form.most) < sizes[:, None]
             # (groups, members, cells) indices in a padded plane
-            where = (centres[band, None] + steps[groups.members[filled[band]]])[..., None] + cells
+            # what is not used is read from the middle of the window, which is always on the grid
+            members = np.where(used, groups.members[filled[band]], form.places // 2)
+            where = (centres[band, None] + steps[members])[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = sizes[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
                 diagonal = (noise[where] * present).sum(axis=1) / n
-                diagonal[sizes == 0] = 1  # any matrix that has an inverse: it is not used
             covers = where[used].ravel()
             # one after the other, so that parts of a grid give the same bits
             np.add.at(count, covers, 1)
