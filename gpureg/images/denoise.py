@@ -71,6 +71,14 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
         For one sweep at p = 2 with patch weights: estimate whole patches; a pixel is the mean over all patches that
         cover it. "weighted" weights each patch by the sum of its weights. None means "weighted" in a 2-D image whose
         weights are chosen by the rule, if the other options allow it.
+    passes : {1, 2, 3}, optional
+        How often the image is estimated. 1 is the filter that the other parameters describe. 2 adds a pass that takes
+        the filter's result to find groups of similar patches of 7 x 7, and estimates the patches of each group
+        together; 3 adds one with patches of 5 x 5 before it. In a volume 2 is the most. None means 3 (2 in a volume)
+        after one sweep at p = 2 whose weights and lam are chosen by the rule, if the noise is white; otherwise 1.
+    quality : {"fast", "balanced", "best"}, optional
+        How much work None is for `passes`: "fast" is the filter alone; "best" finds groups at more pixels than
+        "balanced", which is the default. A number of passes goes with either word.
     gamma, coupled, update_weights
         As in :func:`gpureg.regularize`.
     max_iter : int, optional

@@ -84,7 +84,7 @@ def _passes_of(
     why_none = _without(raster, asked, course, noise, channels)
     if why_none is not None:
         return (), why_none
-    return passes_for(quality, None, raster.ndim), f"quality={word!r}" if word else "rule: similar patches tell more"
+    return passes_for(quality, None, raster.ndim), f"quality={word!r}" if word else "default"
 
 
 def _without(raster: Raster, asked: Choice, course: Course, noise: Noise, channels: Sequence[int]) -> str | None:
@@ -94,12 +94,12 @@ def _without(raster: Raster, asked: Choice, course: Course, noise: Noise, channe
     by_rule = course.chooses and course.filters and asked["lam"] is None and asked["centre"] is None
     once = asked["max_iter"] in (None, 1) and asked["tol"] is None and course.most is None
     if not (by_rule and once and asked["k"] is None and asked["guide"] is None):
-        return "only after one sweep at p = 2 whose weights and lam the rule chooses; passes=3 makes them anyway"
+        return "only after one sweep at p = 2 with weights and lam by the rule"
     if noise.report is not None:
         for i in channels:
             found = _not_white(noise.report.channels[i])
             if found is not None:
-                return f"{found}; passes=3 makes them anyway"
+                return f"{found}; passes=3 makes them"
     return None
 
 
@@ -110,7 +110,7 @@ def _not_white(channel: ChannelNoise) -> str | None:
     if channel.correlated:
         return "the noise of neighbouring pixels is correlated"
     if channel.period == 2:
-        return "every second row or column is alike, as in the mosaic of a colour sensor"
+        return "every second row or column is alike, as in a mosaic"
     return "blocks of a JPEG stand out" if channel.period == 8 else None
 
 

@@ -61,10 +61,6 @@ class PatchPass:
         """Parts of a grid that begin at multiples of these sides have the bits of the whole."""
         return tuple(2 * side for side in self.form(0.0).block)
 
-    def describe(self) -> str:
-        """Describe the patches and how often a group is found."""
-        return f"{_sides(self.patch_radius)} patches every {_each(self.step)} pixels"
-
 
 @dataclass(frozen=True)
 class PassNoise:
@@ -118,15 +114,15 @@ def many(passes: Sequence[PatchPass]) -> str:
     return "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
 
 
-def explained(passes: Sequence[PatchPass]) -> str:
-    """Describe all passes in one line."""
-    if not passes:
-        return "none"
-    windows = {_sides(each.radius) for each in passes}
-    kinds = passes[0].describe()
-    for each in passes[1:]:
-        kinds += f", {_sides(each.patch_radius)} every {_each(each.step)}"
-    return f"{many(passes)}: {kinds}; window {' and '.join(sorted(windows))}"
+def patches_of(passes: Sequence[PatchPass]) -> str:
+    """Describe the patches of all passes, and how often a group is found."""
+    kinds = [f"{_sides(each.patch_radius)} every {_each(each.step)}" for each in passes]
+    return f"{', '.join(kinds)} pixels" if passes else "none"
+
+
+def windows_of(passes: Sequence[PatchPass]) -> str:
+    """Describe the windows of all passes."""
+    return f"window {' and '.join(dict.fromkeys(_sides(each.radius) for each in passes))}"
 
 
 def _sides(radii: Sequence[int]) -> str:

@@ -17,7 +17,7 @@ from ..noise.photon import PhotonNoise
 from ..noise.report import NoiseReport
 from ..tuning.explanation import table
 from ..weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights
-from .passes import PassNoise, PatchPass, explained, many
+from .passes import PassNoise, PatchPass, many, patches_of, windows_of
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
@@ -228,7 +228,8 @@ class DenoisePlan:
                 ("1e-3 of the spread, 0 if certified", "rule") if self.eps is None else (f"{self.eps:g}", "given")
             )
         if "groups" in self.reasons:
-            rows["groups"] = explained(self.passes), self.reasons["groups"]
+            size = f"{many(self.passes)}, {windows_of(self.passes)}; " if self.passes else ""
+            rows["groups"] = patches_of(self.passes), f"{size}{self.reasons['groups']}"
         return table(rows)
 
 

@@ -25,7 +25,7 @@ from ..weights import patch_weights
 from .group_passes import after_passes
 from .guides import filled, guided_by
 from .options import RUN_PLAN, RunPlan, check_run
-from .passes import explained
+from .passes import many, patches_of, windows_of
 from .patch_graph import nearest_patches
 from .plan import DenoisePlan
 from .prepare import Prepared, prepared
@@ -230,7 +230,9 @@ def _with_passes(result: Result, ready: Prepared, raster: Raster, asked: RunPlan
         )
     except KeyboardInterrupt:
         raise Interrupted(replace(result, stop=Stop.INTERRUPTED)) from None
-    return replace(result, value=value, method=f"{result.method} Then {explained(ready.plan.passes)}.")
+    passes = ready.plan.passes
+    then = f"{many(passes)} on groups of similar patches: {patches_of(passes)}, {windows_of(passes)}"
+    return replace(result, value=value, method=f"{result.method} Then {then}.")
 
 
 @contextmanager
