@@ -126,8 +126,15 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     apart. Channels are denoised together if their noise is independent, its strength differs by a factor of 2 at most,
     and their edges agree. With weights by a rule at p = 2, large areas of exactly equal values take no part.
 
-    :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons. The model is eq. 19 to 31 of the
-    paper; the default is one sweep of nonlocal means.
+    By default the image is estimated three times. First by the filter, one sweep of nonlocal means (eq. 25 of the
+    paper, whose eq. 19 to 31 are the model). Then groups of similar patches are found in the result, for every fourth
+    or sixth pixel along each axis and the last one, and all patches of a group are estimated together: a patch is taken
+    towards the mean of its group, the more in those directions in which the patches of the result differ less than
+    the noise. A pixel is the mean over all patches that cover it. RGB images are turned to brightness and two opponent
+    colours for this. Correlated noise, mosaics and blocks of a JPEG would count as signal: there the filter is alone.
+    The second passes take longer than the filter; quality="fast" or passes=1 leaves them out.
+
+    :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons.
 
     Examples
     --------

@@ -149,7 +149,7 @@ def test_passes_remove_more_noise():
     clean = np.kron(rng(1).uniform(40, 200, (3, 3)), np.ones((18, 18)))
     image = clean + rng(3).normal(0, 20, clean.shape)
     one, three = (np.std(gr.denoise_image(image, passes=n, backend="numpy") - clean) for n in (1, 3))
-    assert three < 0.9 * one  # measured: MEASURED
+    assert three < 0.9 * one
 
 
 def test_a_map_and_light_give_the_variance_of_each_pixel():
