@@ -71,7 +71,7 @@ class GroupForm:
         A part of a grid that begins at multiples of twice these sides has the blocks of the whole grid.
         """
         units = (math.lcm(_UNIT, step) for step in self.step)
-        return tuple(-(-reach // unit) * unit for reach, unit in zip(self.reach, units, strict=True))
+        return tuple(max(-(-reach // unit), 1) * unit for reach, unit in zip(self.reach, units, strict=True))
 
     def lattice(self, shape: tuple[int, ...]) -> tuple[IntArray, ...]:
         """Return the positions of the references along each axis of a grid."""

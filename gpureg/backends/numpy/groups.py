@@ -95,10 +95,8 @@ class NumpyGroups(GroupPrimitives):
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
             sizes = groups.sizes[filled[band]]
             used = np.arange(form.most) < sizes[:, None]
-            # (groups, members, cells) indices in a padded plane
-            # what is not used is read from the middle of the window, which is always on the grid
-            members = np.where(used, groups.members[filled[band]], form.places // 2)
-            where = (centres[band, None] + steps[members])[..., None] + cells
+            # (groups, members, cells) indices in a padded plane; the reference where there is no member
+            where = (centres[band, None] + steps[groups.members[filled[band]]] * used)[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = sizes[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
