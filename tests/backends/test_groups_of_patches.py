@@ -17,6 +17,7 @@ from numpy.testing import assert_array_equal
 
 from gpureg.backends import BackendUnavailable
 from gpureg.backends.groups import GroupForm
+from gpureg.backends.numpy import groups as numpy_groups
 from gpureg.graphs.grid import GridGraph
 
 
@@ -144,6 +145,18 @@ def test_the_oracle_is_the_specification(oracle, case):
     ]
     values = np.array([[each[u] for each in found] for u in paper.pixels(case.shape)])
     assert_close(stepped(case, oracle, groups), values)
+
+
+def test_groups_beside_singular_ones_take_the_guide(oracle, monkeypatch):
+    """With a limit between the ratios of the groups, which are 7 to 25."""
+    case, limit = SMALL[0], 14.0
+    monkeypatch.setattr(numpy_groups, "largest_trace", lambda dtype: limit)
+    (f0,), (guide,) = (as_functions(case, x) for x in case.values)
+    args = literal_groups(case), f0, guide, dict.fromkeys(f0, case.variance), case.shape, case.form.patch
+    found = stepped(case, oracle, groups_of(case, oracle))[:, 0]
+    exact = [paper_groups.group_step(*args, largest) for largest in (limit, np.inf, 0.0)]
+    assert_close(found, [exact[0][u] for u in f0])
+    assert all(np.abs(found - [other[u] for u in f0]).max() > 0.01 for other in exact[1:])
 
 
 def test_the_cases_are_those_they_are_for():
