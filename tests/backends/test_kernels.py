@@ -11,7 +11,7 @@ from gpureg import backends, kernels
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"lattice", "triangles"}, {"pack", "lanes"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
@@ -20,7 +20,7 @@ INCLUDES = {
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
     "patch_groups": ("lattice.cl", "reals.cl"),
-    "group_step": ("lattice.cl", "reals.cl"),
+    "group_step": ("triangles.cl", "lattice.cl", "reals.cl"),
     "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "influence_zones": (),
