@@ -133,8 +133,12 @@ def _each(steps: Sequence[int]) -> str:
     return str(steps[0]) if len(set(steps)) == 1 else "x".join(map(str, steps))
 
 
-def _square(patch: int, step: int, nearest: int) -> PatchPass:
-    return PatchPass((patch,) * 2, (19,) * 2, (step,) * 2, nearest, 64)
+def _picture(steps: tuple[int, int]) -> tuple[PatchPass, ...]:
+    """Return the passes for pictures."""
+    return (
+        PatchPass((2, 2), (19, 19), (steps[0],) * 2, 25, 64),
+        PatchPass((3, 3), (19, 19), (steps[1],) * 2, 45, 64),
+    )
 
 
 def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...], most: int) -> tuple[PatchPass, ...]:
@@ -145,10 +149,7 @@ def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...], most: i
 
 # The passes for each number of axes and each word; the last ones are made if fewer are asked for.
 _TABLE: dict[int, dict[Quality, tuple[PatchPass, ...]]] = {
-    2: {
-        "balanced": (_square(2, 4, 25), _square(3, 6, 40)),
-        "best": (_square(2, 4, 25), _square(3, 4, 40)),
-    },
+    2: {"balanced": _picture((4, 6)), "best": _picture((3, 4))},
     3: {
         "balanced": _volume((7, 7, 7), ((3, 3, 3), (3, 4, 4)), 64),
         "best": _volume((7, 7, 7), ((2, 2, 2), (2, 4, 4)), 80),
