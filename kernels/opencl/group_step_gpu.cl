@@ -109,39 +109,30 @@ static inline void invert(__local real *matrix, __local const real *variance, __
         const int column = j * PARTS + part;
         row[j] = on && column < M ? matrix[own * M + column] + (column == own ? variance[own] : 0) : 0;
     }
-    for (int turn = 0; turn < COLUMNS; turn += 4) {
+    for (int turn = 0; turn < COLUMNS; ++turn) {
+        for (int p = 0; p < PARTS; ++p) {
+            const int k = turn * PARTS + p;
+            __local real *pivot = pivots + k % 2 * PARTS * COLUMNS; /* the other one may still be read */
+            if (on && own == k)
 #pragma unroll
-        for (int s = 0; s < 4; ++s)
-            for (int p = 0; p < PARTS; ++p) {
-                const int k = (turn + s) * PARTS + p;
-                __local real *pivot = pivots + k % 2 * PARTS * COLUMNS; /* the other one may still be read */
-                if (on && own == k)
+                for (int j = 0; j < COLUMNS; ++j) pivot[part * COLUMNS + j] = row[j];
+            barrier(CLK_LOCAL_MEM_FENCE);
+            if (!on || k >= M) continue;
+            const real inverse = 1 / pivot[p * COLUMNS];
+            const real factor = pivot[place + at] * inverse; /* by symmetry: matrix(own, k)/P */
+            if (own == k)
 #pragma unroll
-                    for (int j = 0; j < COLUMNS; ++j) pivot[part * COLUMNS + j] = row[j];
-                barrier(CLK_LOCAL_MEM_FENCE);
-                if (on && k < M) {
-                    const real inverse = 1 / pivot[p * COLUMNS + s];
-                    if (own == k) {
+                for (int j = 0; j < COLUMNS; ++j) row[j] *= inverse;
+            else
 #pragma unroll
-                        for (int j = 0; j < COLUMNS; ++j) row[j] *= inverse;
-                        if (part == p) row[s] = -inverse;
-                    } else {
-                        /* by symmetry: matrix(own, k) */
-                        const real factor = pivot[place + at] * inverse;
+                for (int j = 0; j < COLUMNS; ++j) row[j] -= factor * pivot[part * COLUMNS + j];
+            if (part == p) row[0] = own == k ? -inverse : factor;
+        }
+        const real begin = row[0];
 #pragma unroll
-                        for (int j = 0; j < COLUMNS; ++j) row[j] -= factor * pivot[part * COLUMNS + j];
-                        if (part == p) row[s] = factor;
-                    }
-                }
-            }
-        real begin[4];
-#pragma unroll
-        for (int j = 0; j < 4; ++j) begin[j] = row[j];
-#pragma unroll
-        for (int j = 0; j + 4 < COLUMNS; ++j) row[j] = row[j + 4];
-#pragma unroll
-        for (int j = 0; j < 4; ++j) row[COLUMNS - 4 + j] = begin[j];
-        at -= at < 4 ? 4 - COLUMNS : 4;
+        for (int j = 0; j + 1 < COLUMNS; ++j) row[j] = row[j + 1];
+        row[COLUMNS - 1] = begin;
+        at = at == 0 ? COLUMNS - 1 : at - 1;
     }
 #pragma unroll
     for (int j = 0; j < COLUMNS; ++j)
