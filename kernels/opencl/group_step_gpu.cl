@@ -109,6 +109,7 @@ static inline void invert(__local real *matrix, __local const real *variance, __
         const int column = j * PARTS + part;
         row[j] = on && column < M ? matrix[own * M + column] + (column == own ? variance[own] : 0) : 0;
     }
+#pragma unroll 4
     for (int turn = 0; turn < COLUMNS; ++turn) {
         for (int p = 0; p < PARTS; ++p) {
             const int k = turn * PARTS + p;
