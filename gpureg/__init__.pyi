@@ -17,9 +17,11 @@ from .graphs.reordering import reordered
 from .images.bilateral import denoise_bilateral
 from .images.choose import plan_denoising
 from .images.denoise import denoise_image
+from .images.grouped_patches import PatchGroups
 from .images.inpaint import inpaint_image
 from .images.nl_means import denoise_nl_means
 from .images.patch_graph import patch_graph
+from .images.patch_groups import patch_groups
 from .images.plan import DenoisePlan
 from .images.run import run_plan
 from .images.total_variation import denoise_tv
@@ -69,6 +71,7 @@ __all__ = [
     "MeshFile",
     "MeshSegmentation",
     "NoiseReport",
+    "PatchGroups",
     "Path",
     "PhotonNoise",
     "PointsError",
@@ -103,6 +106,7 @@ __all__ = [
     "metrics",
     "operators",
     "patch_graph",
+    "patch_groups",
     "patch_knn_graph",
     "plan_denoising",
     "plot",

@@ -55,6 +55,7 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
     "inpaint_image": (gr.inpaint_image, (IMAGE, IMAGE > 130), ON),
     "simplify_image": (gr.simplify_image, (IMAGE,), ON | {"lam": 0.05, "max_iter": 2}),
     "patch_graph": (gr.patch_graph, (IMAGE, 4), ON),
+    "patch_groups": (gr.patch_groups, (IMAGE,), ON | {"radius": 3, "patch_radius": 1}),
     "describe_noise": (gr.describe_noise, (IMAGE,), {}),
     "estimate_noise": (gr.estimate_noise, (IMAGE,), {}),
     "estimate_photon_noise": (gr.estimate_photon_noise, (PHOTONS,), {}),

@@ -71,7 +71,7 @@ class GroupForm:
         A part of a grid that begins at multiples of twice these sides has the blocks of the whole grid.
         """
         units = (math.lcm(_UNIT, step) for step in self.step)
-        return tuple(-(-reach // unit) * unit for reach, unit in zip(self.reach, units, strict=True))
+        return tuple(max(-(-reach // unit), 1) * unit for reach, unit in zip(self.reach, units, strict=True))
 
     def lattice(self, shape: tuple[int, ...]) -> tuple[IntArray, ...]:
         """Return the positions of the references along each axis of a grid."""
@@ -159,12 +159,17 @@ class GroupPrimitives(Data):
 
             C = 1/(N - 1) sum_v (b(v) - m_b)(b(v) - m_b)^T          0 if N = 1
             S = diag(mean over v of the patch of `variance` at v)
-            r(v) = S (C + S)^-1 (a(v) - m)
+            r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > largest_trace(dtype) min S
 
-        The result at a cell is f0 minus the mean of r over all groups and all patches that cover it; it is `guide`
-        where there is none. With Lam = S^-1 C, a(v) - r(v) is the minimiser of
+        In the second case the matrix is so near to a singular one that its solution would be rounding errors: the
+        variance is tiny beside the contrast. The result at a cell is f0 minus the mean of r over all groups and all
+        patches that cover it; it is `guide` where there is none. In units of the noise, x' = S^(-1/2) x for every patch
+        x, a(v) - r(v) is the minimiser of
 
-            1/2 sum_v' |f(v) - a(v')|^2 / N  +  1/2 (f(v) - a(v))^T Lam (f(v) - a(v))
+            1/2 sum_v' |f'(v) - a'(v')|^2 / N  +  1/2 (f'(v) - a'(v))^T Lam' (f'(v) - a'(v)),
+            Lam' = S^(-1/2) C S^(-1/2)
+
+        which is (Lam + I)^-1 (Lam a(v) + m) with Lam = S^(1/2) Lam' S^(-1/2) = C S^-1.
 
         Parameters
         ----------
@@ -178,6 +183,14 @@ class GroupPrimitives(Data):
         Array
             A device function of m channels.
         """
+
+
+def largest_trace(dtype: npt.DTypeLike) -> float:
+    """Return the largest trace of C over the least variance of a group with which a device computes in this type.
+
+    A stable solution has errors of about trace/variance roundings, in units of the noise.
+    """
+    return 0.25 / float(np.finfo(dtype).eps)
 
 
 def group_planes(grid: GridGraph, f: FloatArray, form: GroupForm) -> FloatArray:

@@ -12,7 +12,8 @@ import click
 
 from ..files.picture import checked_axes
 from ..graphs.edges import METRICS
-from ..images.options import WEIGHTS
+from ..images.options import MOST_PASSES, WEIGHTS
+from ..images.passes import QUALITIES
 from ..images.plan import CENTRES
 from ..jobs.batch import Outcome, denoise_files, expand, is_pattern
 from ..jobs.denoise import denoise_file
@@ -116,6 +117,17 @@ _OPTIONS_OF_WEIGHTS = {
     "[default: weighted for a picture without --weights, otherwise none]",
 )
 @click.option("--k", type=int, help="patch: number of edges to keep at each pixel, those to the most similar patches.")
+@click.option(
+    "--passes",
+    type=click.IntRange(1, MOST_PASSES),
+    help="1: the filter alone; 2, 3: and one or two passes on groups of similar patches.  "
+    "[default: 3 for one sweep at p = 2 by the rule, otherwise 1]",
+)
+@click.option(
+    "--quality",
+    type=click.Choice(QUALITIES),
+    help="Where passes are the default: none, the default, or groups at more pixels.  [default: balanced]",
+)
 @options.solver
 @click.option("--max-iter", type=int, help="Maximum number of iterations.")
 @options.tol

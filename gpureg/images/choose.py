@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..doors import door, warn
-from ..frame import Frame
 from ..graphs.grid import GridGraph
 from ..noise.flat import large_side
 from ..tuning.fidelity import LamMethod, choose_lam
@@ -23,6 +22,7 @@ from .guides import contrast
 from .kinds import follow_from_noise, named_weights, weights_of
 from .noise import Noise, levels_of, noise_of
 from .options import CHOICE, Choice, check_choice
+from .pass_rule import expect_passes, with_passes
 from .plan import DenoisePlan
 from .prepare import prepared
 from .raster import Raster
@@ -47,7 +47,7 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     image : array
         The noisy image, as in :func:`denoise_image`.
     sigma, p, lam, radius, metric, weights, h, patch_radius, patch_sigma, sigma_space, sigma_value, guide, k, centre
-    average_patches, max_iter, mask, spacing, channel_axis
+    average_patches, max_iter, passes, quality, mask, spacing, channel_axis
     norm, eps, solver, tol, backend, dtype, memory, callback, progress
         As in :func:`denoise_image`.
 
@@ -69,9 +69,10 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     -----
     The default is one sweep of nonlocal means (p = 2) over a window of 21 x 21, or 5 x 5 x 5 in a volume. Its weights
     compare a blurred copy of the image, with parameters that depend on the noise
-    (:func:`gpureg.images.nonlocal_rule.nonlocal_rule`); if sigma is a map, their h and sigma are maps too. What else is
-    done about the noise is in the notes of :func:`denoise_image`; the plan has it in `photon`, `impulses`, `flat_side`
-    and `groups`.
+    (:func:`gpureg.images.nonlocal_rule.nonlocal_rule`); if sigma is a map, their h and sigma are maps too. Two passes
+    on groups of similar patches follow, one in a volume, unless the noise is known not to be white; the plan has them in
+    `passes`. What else is done about the noise is in the notes of :func:`denoise_image`; the plan has it in `photon`,
+    `impulses`, `flat_side` and `groups`.
 
     With p other than 2, the default is the unweighted graph G_0 of nearest neighbours (p = 1: digital total variation)
     with lam = 2.2 G^(0.4 p^2) sigma^(p - 2). G is the root mean square gradient of the clean image over sigma, at least
@@ -96,6 +97,7 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     check_choice(asked, raster)
     if raster.thin_axes and _may_squeeze(asked):
         asked, raster = _squeezed(asked, raster), raster.without_thin_axes()
+    expect_passes(asked, raster)
     noise = noise_of(raster, asked["sigma"], needed=follow_from_noise(asked))
     given, _ = named_weights(asked, noise, raster)
     course = Course.of(asked, given)
@@ -107,7 +109,7 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     if raster.channels > 1 and _depends_on_noise(asked, course):
         groups, same = noise.groups(raster, guided=asked["guide"] is not None)
         if len(groups) > 1 or len(set(same)) < len(same):
-            plans = tuple((group, _plan(raster.only(group), asked, noise.of(group), group=True)) for group in groups)
+            plans = tuple((group, _plan(raster.only(group), asked, noise.of(group), group)) for group in groups)
             first = plans[0][1]
             return replace(
                 first, sigma=noise.sigma, sigmas=noise.sigmas or (), groups=plans, same=same, report=noise.report
@@ -131,15 +133,6 @@ def each_channel(raster: Raster, **options: Unpack[Choice]) -> DenoisePlan:
     total = math.sqrt(sum(level**2 for level in known) / len(known)) if known else None
     groups = tuple(((i,), plan) for i, plan in enumerate(plans))
     return replace(plans[0], sigma=total, sigmas=levels, groups=groups, same=tuple(range(count)), report=None)
-
-
-def _frame(raster: Raster, units: Sequence[float] | None) -> Frame:
-    """Return the offset and the unit of the values, from about 2^16 pixels."""
-    values = raster.cells.reshape(-1, raster.channels)
-    if raster.inside is not None:
-        values = values[raster.inside.ravel()]
-    some = values[:: max(1, len(values) >> 16)].astype(np.float64)
-    return Frame.of(some if units is None else some / np.asarray(units))
 
 
 def _flat_side(raster: Raster) -> int:
@@ -184,8 +177,11 @@ def _depends_on_noise(asked: Choice, course: Course) -> bool:
     return by_rule and plain and (course.needs_noise or follow_from_noise(asked))
 
 
-def _plan(raster: Raster, asked: Choice, noise: Noise, *, group: bool = False) -> DenoisePlan:
-    """Return the plan for channels that are denoised together; a `group` of channels without noise stays as it is."""
+def _plan(raster: Raster, asked: Choice, noise: Noise, group: tuple[int, ...] = ()) -> DenoisePlan:
+    """Return the plan for channels that are denoised together; a `group` of channels without noise stays as it is.
+
+    `group` are those of the image's channels that `raster` and `noise` have; empty for all.
+    """
     noise = levels_of(raster, noise)
     # the values of a guide are not in the units of the noise
     units = noise.units if asked["guide"] is None else None
@@ -194,7 +190,7 @@ def _plan(raster: Raster, asked: Choice, noise: Noise, *, group: bool = False) -
     course = Course.of(asked, given)
     if not course.chooses and not follow_from_noise(asked) and asked["lam"] is not None:
         units, own = None, noise
-    why_idle = noise.without(raster) if course.chooses or (group and noise.level == 0) else None
+    why_idle = noise.without(raster) if course.chooses or (bool(group) and noise.level == 0) else None
     idle = why_idle is not None
     if idle and noise.estimated and why_idle is not None and noise.level > _ROUNDING:
         warn(f"{why_idle}: it is returned as it is; give it as floating-point numbers to denoise it")
@@ -240,11 +236,12 @@ def _plan(raster: Raster, asked: Choice, noise: Noise, *, group: bool = False) -
         impulses=noise.impulses if follows and any(rule is not None for rule in noise.impulses) else (),
         units=units or (),
         flat_side=_flat_side(raster) if course.chooses and course.filters and not idle and flat > _FLAT else 0,
-        frame=_frame(raster, units) if course.filters else None,
+        frame=raster.frame(units) if course.filters else None,
         report=noise.report,
         reasons=why,
     )
     plan = _with_the_pixel_itself(plan, asked)
+    plan = with_passes(plan, raster, asked, course, noise, group or range(raster.channels))
     if course.search is None or plan.max_iter == 0:
         return plan
     return _searched(plan, raster, asked, course.search, own, spread, fidelity.start)

@@ -60,5 +60,6 @@ class Course:
         local = isinstance(weights, Constant) or (weights is None and not plain and asked["k"] is None)
         filters = not local and plain
         chooses = weights is None and (by_rule or not local)
-        needs_noise = chooses or (by_rule and not filters) or search is not None
+        passes = asked["passes"] is not None and asked["passes"] > 1
+        needs_noise = chooses or (by_rule and not filters) or search is not None or passes
         return cls(local, filters, chooses, needs_noise, search, method.most if isinstance(method, Certified) else None)

@@ -47,6 +47,20 @@ def guided_by(
     """
     if not isinstance(weights, Weights):
         raise TypeError("a guide needs weights that are computed from it, such as gpureg.weights.bilateral(...)")
+    values = guide_values(guide, grid, channel_axis)
+    if isinstance(weights, Smoothed) and weights.opponent and values.shape[1] != 3:
+        weights = replace(weights, opponent=False)
+    return guided(weights, values)
+
+
+def guide_values(guide: npt.ArrayLike, grid: GridGraph, channel_axis: int | None) -> npt.NDArray[Any]:
+    """Return the values of a guide on the vertices of a grid, (n, q); outside the mask those of the nearest inside.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A guide of another shape, or of no real numbers.
+    """
     array = unmasked(guide, "guide")
     axis = -1 if channel_axis is None else channel_axis
     cells = array[..., None] if array.ndim == grid.ndim else np.moveaxis(array, axis, -1) if array.ndim else array
@@ -58,9 +72,7 @@ def guided_by(
     values: npt.NDArray[Any] = cells.astype(np.float64)
     if grid.mask is not None and not grid.mask.all():
         values = filled(values, grid.mask)
-    if isinstance(weights, Smoothed) and weights.opponent and values.shape[-1] != 3:
-        weights = replace(weights, opponent=False)
-    return guided(weights, values.reshape(grid.n_vertices, -1))
+    return values.reshape(grid.n_vertices, -1)
 
 
 def contrast(raster: Raster, noise: Noise, units: Sequence[float] | None = None) -> tuple[float, float]:

@@ -17,9 +17,12 @@ from ..tuning.fidelity import LAM_METHODS, LamMethod
 from ..weights import Weights
 from .borders import BORDERS, Border
 from .noise import Sigma, check_sigma
+from .passes import QUALITIES, Quality
 from .plan import CENTRES, AveragePatches, Centre
 from .raster import Raster
 
+# The filter and two passes on groups of patches.
+MOST_PASSES = 3
 WeightKind = Literal["constant", "bilateral", "patch"]
 WEIGHTS: tuple[WeightKind, ...] = ("constant", "bilateral", "patch")
 # Options that belong to only one kind of weights.
@@ -100,6 +103,10 @@ class Choice(OnPixels, Model, total=False):
         Options of a single sweep.
     max_iter : int, optional
         Maximum number of iterations.
+    passes : int, optional
+        1 for the filter alone, 2 or 3 for one or two passes on groups of similar patches after it.
+    quality : {"fast", "balanced", "best"}, optional
+        A word for the number of passes and how often groups are found.
     """
 
     sigma: Sigma | None
@@ -117,6 +124,8 @@ class Choice(OnPixels, Model, total=False):
     centre: Centre | None
     average_patches: AveragePatches | None
     max_iter: int | None
+    passes: int | None
+    quality: Quality | None
 
 
 class Denoise(Choice, total=False):
@@ -274,6 +283,10 @@ def check_choice(asked: Choice, raster: Raster) -> None:
     for name, low in (("max_iter", 0), ("k", 1), ("patch_radius", 0)):
         if given[name] is not None:
             integer(name, given[name], low=low)
+    if given["passes"] is not None:
+        integer("passes", given["passes"], low=1, high=MOST_PASSES)
+    if given["quality"] is not None:
+        choice("quality", given["quality"], QUALITIES)
     for name in ("tol", "eps"):
         if given[name] is not None:
             number(name, given[name], low=0)

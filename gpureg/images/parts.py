@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..regularization.one_sweep import OneStep
 from ..regularization.tiling import Tile, cut
 from ..solvers import Solver
 from ..weights import Weights, patch_weights
+from .group_passes import bytes_of_passes
 from .plan import DenoisePlan
 from .prepare import reach_of
 from .raster import Raster
@@ -63,7 +65,7 @@ def tiles_of(
     plans = [own for _, own in plan.groups] or [plan]
     active = [own for own in plans if own.max_iter > 0]
     device = backends.get(backend, dtype)
-    blocks = tuple((*[1] * len(shape), device.row_block, device.column_block)[-len(shape) :])
+    blocks = _blocks(plans, len(shape), device)
     halos = [_halo(own, shape, solver, masked=masked or own.flat_side > 0) for own in active]
     reaches = [(reach_of(own, len(shape)),) * len(shape) for own in plans]
     known = [halo for halo in halos if halo is not None]
@@ -101,6 +103,13 @@ def tiles_of(
         per_pixel *= 1.05 * needs(sizes) / (math.prod(wide(sizes)) * per_pixel)
 
 
+def _blocks(plans: Sequence[DenoisePlan], ndim: int, device: Backend) -> tuple[int, ...]:
+    """Return the sides of which a part may begin at multiples: devices, and passes on groups, sum in blocks."""
+    sides = [(*[1] * ndim, device.row_block, device.column_block)[-ndim:]]
+    sides += [each.block for own in plans for each in own.passes]
+    return tuple(math.lcm(*axis) for axis in zip(*sides, strict=True))
+
+
 def _grid(plan: DenoisePlan, shape: tuple[int, ...]) -> GridGraph:
     """Return the grid of a plan."""
     return GridGraph(shape, plan.radius, plan.metric, spacing=plan.spacing)
@@ -121,11 +130,14 @@ def _halo(plan: DenoisePlan, shape: tuple[int, ...], solver: str | Solver, *, ma
     averaged = (found[0].reach if plan.average_radius is None else plan.average_radius) if plan.average_patches else 0
     # a pixel that a mask leaves out takes the value of the nearest inside, at most a patch away
     beyond = averaged + plan.weights.reach * (3 if masked else 1) + reach_of(plan, len(shape))
-    return tuple((np.abs(grid.offsets).max(axis=0, initial=0) + beyond).tolist())
+    reach = np.abs(grid.offsets).max(axis=0, initial=0) + beyond
+    for each in plan.passes:
+        reach = reach + each.beyond(masked=masked)
+    return tuple(reach.tolist())
 
 
 def _bytes(plan: DenoisePlan, grid: GridGraph, channels: int, device: Backend) -> int:
-    """Return the bytes of one sweep on a grid: on the device, and in the process."""
+    """Return the bytes of one sweep and of passes on a grid: on the device, and in the process."""
     by_weight = plan.average_patches == "weighted"
     step = OneStep(plan.centre == "largest", 0 if plan.average_patches else None, by_weight)
     stored = bool(plan.average_patches) and not step.fuses(device, grid)
@@ -133,7 +145,9 @@ def _bytes(plan: DenoisePlan, grid: GridGraph, channels: int, device: Backend) -
     job = Job(channels + stored, weights=plan.weights, per_vertex=maps, stored=stored)  # type: ignore[arg-type]
     # the memory of a GPU is not that of the process; its own limit cuts tiles of a part
     on_device = 0 if device.device.kind == "gpu" else job.need(grid, device).total
-    return on_device + grid.n_vertices * channels * device.dtype.itemsize * _HOST
+    # passes begin when the arrays of the filter are free
+    needed = max(on_device, bytes_of_passes(plan.passes, grid, channels, device)) if plan.passes else on_device
+    return needed + grid.n_vertices * channels * device.dtype.itemsize * _HOST
 
 
 def working_set(limit: int, values: int) -> int:
@@ -149,7 +163,8 @@ def part_of(plan: DenoisePlan, shape: tuple[int, ...], tile: Tile) -> DenoisePla
         lam = np.asarray(lam).reshape(shape)[tile.wide]
     if isinstance(weights, Weights) and plan.max_iter > 0:
         weights = weights.part(_grid(plan, shape), tile.wide) or weights
-    return replace(plan, lam=lam, weights=weights, groups=groups)
+    noise = None if plan.noise is None else plan.noise.part_of(shape, tile)
+    return replace(plan, lam=lam, weights=weights, noise=noise, groups=groups)
 
 
 def run_in_parts(

@@ -17,6 +17,7 @@ from ..noise.photon import PhotonNoise
 from ..noise.report import NoiseReport
 from ..tuning.explanation import table
 from ..weights import Bilateral, Compared, Constant, Patch, Smoothed, Weights
+from .passes import PassNoise, PatchPass, many, patches_of, windows_of
 
 Centre = Literal["once", "largest", "none"]
 CENTRES: tuple[Centre, ...] = ("once", "largest", "none")
@@ -69,6 +70,10 @@ class DenoisePlan:
     frame : Frame or None
         The offset and the unit of the values with which a single sweep computes, so that parts of the image give the
         bits of the whole; None to choose them from the values.
+    passes : tuple of PatchPass
+        Passes on groups of similar patches, which follow the filter; empty for the filter alone.
+    noise : PassNoise or None
+        The noise that these passes remove.
     groups : tuple of (channels, DenoisePlan)
         Channels that are denoised by themselves, each group with its plan; empty if all are denoised together. Then the
         other attributes are those of the first group, except `sigma`, `sigmas`, `same` and `report`.
@@ -102,6 +107,8 @@ class DenoisePlan:
     units: tuple[float, ...] = ()
     flat_side: int = 0
     frame: Frame | None = None
+    passes: tuple[PatchPass, ...] = ()
+    noise: PassNoise | None = None
     groups: tuple[tuple[tuple[int, ...], DenoisePlan], ...] = ()
     same: tuple[int, ...] = ()
     report: NoiseReport | None = field(default=None, compare=False, repr=False)
@@ -161,7 +168,8 @@ class DenoisePlan:
         lam += " of the largest weight" if self.centre == "largest" else ""
         iterations = "1 iteration" if self.max_iter == 1 else f"at most {self.max_iter} iterations"
         kind += ", adapted to noise that grows with the signal" if self.photon else ""
-        return f"{before}{kind}; p = {self.p:g}, lam = {lam}, {iterations}"
+        after = f", then {many(self.passes)} on groups of similar patches" if self.passes else ""
+        return f"{before}{kind}; p = {self.p:g}, lam = {lam}, {iterations}{after}"
 
     def _origin(self) -> str:
         """Return where an estimate of the noise comes from."""
@@ -219,6 +227,9 @@ class DenoisePlan:
             rows["eps"] = (
                 ("1e-3 of the spread, 0 if certified", "rule") if self.eps is None else (f"{self.eps:g}", "given")
             )
+        if "groups" in self.reasons:
+            size = f"{many(self.passes)}, {windows_of(self.passes)}; " if self.passes else ""
+            rows["groups"] = patches_of(self.passes), f"{size}{self.reasons['groups']}"
         return table(rows)
 
 

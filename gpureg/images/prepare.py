@@ -19,6 +19,7 @@ from ..noise.photon import PhotonNoise
 from ..weights import scaled_by
 from .guides import filled
 from .noise import LEAST
+from .passes import PassNoise
 from .plan import DenoisePlan
 from .raster import Raster
 
@@ -41,12 +42,15 @@ class Prepared:
         True where a pixel takes part.
     impulses : int
         Number of values that were replaced.
+    profile : float array or None
+        Noise of each pixel as a multiple of that of the image, for passes on groups; None for 1.
     """
 
     plan: DenoisePlan
     pixels: npt.NDArray[Any]
     inside: npt.NDArray[np.bool_] | None = None
     impulses: int = 0
+    profile: npt.NDArray[np.float64] | None = None
 
     def back(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return a result in the image's units."""
@@ -55,7 +59,7 @@ class Prepared:
 
 def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Prepared:
     """Replace the impulses of pixels (..., m), and make the maps of the plan."""
-    count = 0
+    count, profile = 0, None
     if plan.replaces_impulses:
         pixels, hit = replaced(raster, pixels, plan.impulses)
         count = int(np.count_nonzero(hit))
@@ -63,7 +67,10 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
         if lost.any() and plan.max_iter > 0:
             plan = replace(plan, lam=np.where(lost, 0.0, np.asarray(plan.lam)))
     if any(line is not None for line in plan.photon) and plan.max_iter > 0:
-        plan = _adapted(plan, raster, pixels)
+        profile = _profile(plan, raster, pixels, plan.photon)
+        plan = _adapted(plan, profile)
+    if plan.passes and plan.noise is not None:
+        profile = _of_passes(plan, plan.noise, raster, pixels, profile)
     if plan.units:
         pixels = pixels / np.asarray(plan.units, pixels.dtype)
     inside = raster.inside
@@ -72,7 +79,7 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
         flat = np.logical_and.reduce(list(each))
         if flat.any() and not flat.all():
             inside = ~flat if inside is None else inside & ~flat
-    return Prepared(plan, pixels, inside, count)
+    return Prepared(plan, pixels, inside, count, profile if plan.passes else None)
 
 
 def replaced(
@@ -103,10 +110,32 @@ def replaced(
     return pixels, hit
 
 
-def _adapted(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> DenoisePlan:
+def _profile(
+    plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any], photon: Sequence[PhotonNoise | None]
+) -> npt.NDArray[np.float64]:
+    """Return the noise of each pixel where it grows with the signal, as a multiple of that of the image."""
+    apart = plan.units or (plan.noise is not None and plan.noise.units)
+    levels = (1.0,) * len(plan.sigmas) if apart else plan.sigmas
+    return relative_noise(raster, pixels, photon, plan.sigmas, levels)
+
+
+def _of_passes(
+    plan: DenoisePlan,
+    noise: PassNoise,
+    raster: Raster,
+    pixels: npt.NDArray[Any],
+    profile: npt.NDArray[np.float64] | None,
+) -> npt.NDArray[np.float64] | None:
+    """Return the noise of each pixel for the passes; `profile` is that of the filter's plan."""
+    if noise.profile is not None:
+        return noise.profile.reshape(raster.shape)
+    if profile is None and any(line is not None for line in noise.photon):
+        return _profile(plan, raster, pixels, noise.photon)
+    return profile
+
+
+def _adapted(plan: DenoisePlan, profile: npt.NDArray[np.float64]) -> DenoisePlan:
     """Return the plan with the noise of each pixel in its weights and, where it is one of the data, its lam."""
-    levels = (1.0,) * len(plan.sigmas) if plan.units else plan.sigmas
-    profile = relative_noise(raster, pixels, plan.photon, plan.sigmas, levels)
     found = scaled_by(plan.weights, profile.ravel())
     if found is not None:
         return replace(plan, weights=found)
@@ -146,7 +175,8 @@ def reach_of(plan: DenoisePlan, ndim: int) -> int:
     """Return the distance of the pixels on which the preparation of a pixel depends."""
     blur = _BLUR[2 if ndim < 3 else 3]
     reach = REACH if plan.replaces_impulses else 0
-    if any(line is not None for line in plan.photon):
+    lines = plan.photon if plan.noise is None else (*plan.photon, *plan.noise.photon)
+    if any(line is not None for line in lines):
         reach += 2 * int(_TRUNCATE * blur + 0.5)  # a pixel outside the mask takes the value of the nearest inside
     return reach + plan.flat_side
 

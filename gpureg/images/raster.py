@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..arrays import all_finite, unmasked
 from ..checks import integer
 from ..doors import warn
+from ..frame import Frame
 
 # The last axis looks like channels if the two axes before it are at least this many times as long.
 FAR = 8
@@ -174,6 +175,14 @@ class Raster:
         """Return `dtype`, checked; for None float64 for integers of more than 16 bits, otherwise None."""
         kind = self.computed_type(dtype)
         return None if dtype is None and kind == np.float32 else kind
+
+    def frame(self, units: Sequence[float] | None = None) -> Frame:
+        """Choose the offset and the unit of the values, divided by the units of the channels, from about 2^16 cells."""
+        values = self.cells.reshape(-1, self.channels)
+        if self.inside is not None:
+            values = values[self.inside.ravel()]
+        some = values[:: max(1, len(values) >> 16)].astype(np.float64)
+        return Frame.of(some if units is None else some / np.asarray(units))
 
     def like(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Convert a function on the cells to an image with the axes, type and masked pixels of this one.

@@ -22,11 +22,13 @@ from ..regularization.one_sweep import OneStep, one_sweep
 from ..regularization.regularize import regularize
 from ..solvers import Jacobi, Solver, resolve
 from ..weights import patch_weights
+from .group_passes import after_passes
 from .guides import filled, guided_by
 from .options import RUN_PLAN, RunPlan, check_run
+from .passes import many, patches_of, windows_of
 from .patch_graph import nearest_patches
 from .plan import DenoisePlan
-from .prepare import prepared
+from .prepare import Prepared, prepared
 from .raster import Raster
 from .split import split
 
@@ -194,6 +196,8 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         result = solve(
             ready.plan, ready.pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": kind}
         )
+        if plan.passes and result.stop is not Stop.CALLBACK:
+            result = _with_passes(result, ready, raster, asked)
     return replace(result, value=raster.like(ready.back(result.value)), seconds=time.perf_counter() - begin)
 
 
@@ -215,6 +219,20 @@ def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:
         backend=repr(device),
         seconds=time.perf_counter() - begin,
     )
+
+
+def _with_passes(result: Result, ready: Prepared, raster: Raster, asked: RunPlan) -> Result:
+    """Return the result of a filter and of the plan's passes after it; an interruption leaves that of the filter."""
+    kind = raster.computed_type(asked["dtype"])
+    try:
+        value = after_passes(
+            ready, result.value, raster.inside, backend=asked["backend"], dtype=kind, progress=asked["progress"]
+        )
+    except KeyboardInterrupt:
+        raise Interrupted(replace(result, stop=Stop.INTERRUPTED)) from None
+    passes = ready.plan.passes
+    then = f"{many(passes)} on groups of similar patches: {patches_of(passes)}, {windows_of(passes)}"
+    return replace(result, value=value, method=f"{result.method} Then {then}.")
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from ..graphs.edges import Metric
 from ..images.choose import each_channel, plan_denoising
 from ..images.noise import Noise
 from ..images.options import CHOICE, Choice, WeightKind
+from ..images.passes import Quality
 from ..images.plan import AveragePatches, Centre, DenoisePlan
 from ..images.raster import Raster
 from ..images.run import run_plan
@@ -49,6 +50,8 @@ class Settings:
     centre: Centre | None = None
     average_patches: Averaging | None = None
     k: int | None = None
+    passes: int | None = None
+    quality: Quality | None = None
     backend: str = "auto"
     dtype: str | None = None
     memory: int | None = None
@@ -127,6 +130,11 @@ def expect_fitting(settings: Settings) -> None:
         raise ValueError(f"--average-patches {settings.average_patches} needs --weights patch")
     if averages and not once:
         raise ValueError(f"--average-patches {settings.average_patches} is for {one_sweep}")
+    if settings.passes not in (None, 1):
+        if settings.guide is not None:
+            raise ValueError(f"--passes {settings.passes} does not work with --guide")
+        if settings.max_iter == 0:
+            raise ValueError(f"--passes {settings.passes} needs at least one iteration: leave --max-iter 0 out")
     if isinstance(settings.lam, str):
         unseen = {
             "--guide": settings.guide is not None,

@@ -231,6 +231,8 @@ def _middle(shape: tuple[int, ...], count: int) -> tuple[slice, ...]:
 def _is_uniform(plan: DenoisePlan, shape: tuple[int, ...]) -> bool:
     """Return whether a plan has the same parameters everywhere, so that it fits any part."""
     found = patch_weights(plan.weights)
+    if plan.noise is not None and plan.noise.profile is not None:
+        return False
     if np.ndim(plan.lam) or not isinstance(plan.weights, Weights):
         return False
     if found is None:

@@ -40,6 +40,7 @@ def run_of(plan: DenoisePlan, result: Result) -> dict[str, Any]:
         "lam_reason": plan.reasons.get("lam", "given"),
         "radius": plan.radius,
         "metric": plan.metric,
+        "passes": 1 + len(plan.passes),
         "iterations": result.iterations,
         "stop": result.stop.name.lower(),
         "energy": [number(energy) for energy in result.energy.tolist()],

@@ -3,7 +3,7 @@
  * For each group, with N_u members v, their patches a(v) of f0 and b(v) of the guide, and means m, m_b over the group:
  *
  *   C = 1/(N_u - 1) sum_v (b(v) - m_b)(b(v) - m_b)^T,   S = diag(mean over v of the variances of the patch)
- *   r(v) = S (C + S)^-1 (a(v) - m)
+ *   r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > worst min S
  *   out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
  *
  * One work item: the groups of one block of references, one after the other. It adds to `sums` and `counts`, so blocks
@@ -12,11 +12,10 @@
  * in the same order, also in a part of a grid.
  *   members    their patches lie one after the other in `patches`, each in packs of N numbers, the last one filled by 0
  *   C          upper triangle of packs: TILE rows at a time in registers, a sum over the members
- *   (C+S)^-1   by the symmetric sweep operator, which needs no square roots and no triangular solves: after a sweep with
- *              each row, the matrix is -(C+S)^-1
- *   r          TILE members at a time in registers, a sum over the rows of the matrix
+ *   (C+S)^-1   by two triangles, Z Z^T (see `factor`), PIVOTS rows at a time
+ *   r          TILE members at a time in registers, a sum over the rows of Z, then of Z^T
  * MEAN: the second kernel, one work item a pack of cells, CELLS of them a group: divides the sums.
- * Arithmetic per group and channel, in packs, P = ceil(M/N) of a patch: about N_u M P (1/2 + 1) + M M P/2 multiply-adds.
+ * Arithmetic per group and channel, in packs, P = ceil(M/N) of a patch: about N_u M P (1/2 + 1) + M M P/3 multiply-adds.
  * Traffic per group: the window from the cache, N_u M numbers of sums and counts read and written.
  */
 #include "lattice.cl"
@@ -27,7 +26,7 @@
 #define PACKS ((M + N - 1) / N) /* of a patch */
 #define MP (PACKS * N)
 #define TILE (PACKS <= 4 ? 4 : 2)
-#define PIVOTS (N < 4 ? N : 4)                     /* rows of a sweep */
+#define PIVOTS (N < 4 ? N : 4)                     /* rows of the matrix at a time */
 #define SWEPT ((M + PIVOTS - 1) / PIVOTS * PIVOTS) /* rows of the matrix with those of the identity after it */
 /* Reads of lines in one load: D numbers, rounded up. */
 #if PX < 2
@@ -75,6 +74,19 @@ __attribute__((reqd_work_group_size(CELLS, 1, 1))) __kernel void group_step(
 
 #define realW CONCATENATE(REAL_, WIDE)
 #define laneW CONCATENATE(LANE_, WIDE)
+/* As in reals.cl; a call of vload8 with doubles also fails in PoCL where the CPU has no registers of 8 doubles. */
+#ifdef __clang__
+typedef realW realW_anywhere __attribute__((aligned(sizeof(real))));
+#define LOAD_WIDE(p) (*(const realW_anywhere *)(p))
+#define LOAD_WIDE_GLOBAL(p) (*(__global const realW_anywhere *)(p))
+#define STORE_WIDE(p, x) (*(realW_anywhere *)(p) = (x))
+#define STORE_WIDE_GLOBAL(p, x) (*(__global realW_anywhere *)(p) = (x))
+#else
+#define LOAD_WIDE(p) CONCATENATE(vload, WIDE)(0, p)
+#define LOAD_WIDE_GLOBAL(p) LOAD_WIDE(p)
+#define STORE_WIDE(p, x) CONCATENATE(vstore, WIDE)((x), 0, p)
+#define STORE_WIDE_GLOBAL(p, x) STORE_WIDE(p, x)
+#endif
 #if WIDE == 4
 #define COLUMNS ((laneW)(0, 1, 2, 3))
 #elif WIDE == 8
@@ -87,8 +99,8 @@ __attribute__((reqd_work_group_size(CELLS, 1, 1))) __kernel void group_step(
 static inline void add_line(const real *line, __global real *to)
 {
 #ifdef GAP
-    const realW value = CONCATENATE(vload, WIDE)(0, line);
-    CONCATENATE(vstore, WIDE)(CONCATENATE(vload, WIDE)(0, to) + (COLUMNS < D ? value : (realW)(0)), 0, to);
+    const realW value = LOAD_WIDE(line);
+    STORE_WIDE_GLOBAL(to, LOAD_WIDE_GLOBAL(to) + (COLUMNS < D ? value : (realW)(0)));
 #else
 #pragma unroll
     for (int q = 0; q < D; ++q) to[q] += line[q];
@@ -103,7 +115,7 @@ static inline void copy_patch(__global const real *from, const long pitch, const
         __global const real *row = from + (line / (2 * PY + 1)) * layer + (line % (2 * PY + 1)) * pitch;
         real *own = to + line * D;
         /* the next line overwrites the numbers after D */
-        CONCATENATE(vstore, WIDE)(CONCATENATE(vload, WIDE)(0, row), 0, own);
+        STORE_WIDE(own, LOAD_WIDE_GLOBAL(row));
     }
     for (int q = M; q < MP; ++q) to[q] = 0;
 }
@@ -155,81 +167,148 @@ static inline void covariance(const real *patches, const int n, real *matrix)
         }
 }
 
-/* Replace a symmetric positive matrix of PIVOTS rows by its inverse. */
-static inline void invert(real *matrix)
+/* Replace a symmetric positive matrix of PIVOTS rows, L L^T, by the inverse of its lower triangle L. */
+static inline void invert_block(real *block)
 {
+    real lower[PIVOTS * PIVOTS];
 #pragma unroll
-    for (int k = 0; k < PIVOTS; ++k) {
-        const real inverse = 1 / matrix[k * PIVOTS + k];
-        matrix[k * PIVOTS + k] = 1;
+    for (int i = 0; i < PIVOTS; ++i)
 #pragma unroll
-        for (int j = 0; j < PIVOTS; ++j) matrix[k * PIVOTS + j] *= inverse;
+        for (int j = 0; j <= i; ++j) {
+            real sum = block[i * PIVOTS + j];
+#pragma unroll
+            for (int c = 0; c < j; ++c) sum -= lower[i * PIVOTS + c] * lower[j * PIVOTS + c];
+            lower[i * PIVOTS + j] = i == j ? 1 / sqrt(sum) : sum * lower[j * PIVOTS + j]; /* the diagonal inverted */
+        }
+#pragma unroll
+    for (int j = 0; j < PIVOTS; ++j)
 #pragma unroll
         for (int i = 0; i < PIVOTS; ++i) {
-            if (i == k) continue;
-            const real factor = matrix[i * PIVOTS + k];
-            matrix[i * PIVOTS + k] = 0;
+            real sum = i == j ? 1 : 0;
 #pragma unroll
-            for (int j = 0; j < PIVOTS; ++j) matrix[i * PIVOTS + j] -= factor * matrix[k * PIVOTS + j];
+            for (int c = j; c < i; ++c) sum -= lower[i * PIVOTS + c] * block[c * PIVOTS + j];
+            block[i * PIVOTS + j] = i < j ? 0 : sum * lower[i * PIVOTS + i];
         }
-    }
 }
 
-/* Replace a symmetric positive matrix, of which the upper triangle of packs is given, by -1 times its inverse.
+/* Replace a symmetric positive matrix K, of which the upper triangle of packs is given, by the upper triangle Z with
+ * Z Z^T = K^-1, and by its transpose below: packs of the diagonal of Z^T are in `diagonal`, those left of them in the
+ * matrix. K = U^T U, and Z = U^-1. PIVOTS rows at a time: one row at a time would read and write a pack for one
+ * multiply-add.
  *
- * A sweep with the rows K of a block, P = matrix(K, K): matrix(i, j) -= matrix(i, K) P^-1 matrix(K, j), then
- * matrix(K, j) = P^-1 matrix(K, j), and matrix(K, K) = -P^-1. PIVOTS rows at a time, because a sweep with one row would
- * read and write the matrix for one multiply-add per number. */
-static inline void sweep(real *matrix)
+ * We apply Z and Z^T one after the other instead of K^-1: its rounding errors times a patch would have the size of
+ * cond(K) roundings of the patch, those of Z only that of its square root. */
+static inline void factor(real *matrix, real *diagonal)
 {
-    for (int k = 0; k < SWEPT; k += PIVOTS) {
-        real rows[PIVOTS * MP], swept[PIVOTS * MP], inverse[PIVOTS * PIVOTS];
+    real inverses[SWEPT * PIVOTS];
+    for (int k = 0; k < SWEPT; k += PIVOTS) { /* U */
+        real *block = inverses + k * PIVOTS;
         const int from = k / N * N;
-        for (int j = 0; j < from; ++j)
 #pragma unroll
-            for (int r = 0; r < PIVOTS; ++r) rows[r * MP + j] = matrix[j * MP + k + r];
+        for (int r = 0; r < PIVOTS; ++r)
 #pragma unroll
-        for (int r = 0; r < PIVOTS; ++r) {
-            for (int j = from; j < MP; j += N) STORE_PRIVATE(rows, r * MP + j, LOAD_PRIVATE(matrix, (k + r) * MP + j));
+            for (int c = 0; c < PIVOTS; ++c) block[r * PIVOTS + c] = matrix[(k + min(r, c)) * MP + k + max(r, c)];
+        invert_block(block);
+        for (int j = from; j < MP; j += N) {
+            realN rows[PIVOTS];
 #pragma unroll
-            for (int c = 0; c < PIVOTS; ++c) inverse[r * PIVOTS + c] = rows[r * MP + k + c];
-        }
-        invert(inverse);
-#pragma unroll
-        for (int p = 0; p < PACKS; ++p)
+            for (int r = 0; r < PIVOTS; ++r) rows[r] = LOAD_PRIVATE(matrix, (k + r) * MP + j);
 #pragma unroll
             for (int r = 0; r < PIVOTS; ++r) {
                 realN sum = 0;
 #pragma unroll
-                for (int c = 0; c < PIVOTS; ++c) sum += inverse[r * PIVOTS + c] * LOAD_PRIVATE(rows, c * MP + p * N);
-                STORE_PRIVATE(swept, r * MP + p * N, sum);
+                for (int c = 0; c <= r; ++c) sum += block[r * PIVOTS + c] * rows[c];
+                STORE_PRIVATE(matrix, (k + r) * MP + j, sum);
             }
+        }
 #pragma unroll
         for (int first = 0; first < PACKS; ++first) {
+            if (first * N + N <= k + PIVOTS) continue;
             realN pivots[PIVOTS * PACKS];
 #pragma unroll
             for (int r = 0; r < PIVOTS; ++r)
 #pragma unroll
-                for (int p = first; p < PACKS; ++p) pivots[r * PACKS + p] = LOAD_PRIVATE(swept, r * MP + p * N);
-            for (int i = first * N; i < min(first * N + N, SWEPT); ++i)
+                for (int p = first; p < PACKS; ++p) pivots[r * PACKS + p] = LOAD_PRIVATE(matrix, (k + r) * MP + p * N);
+            for (int i = max(first * N, k + PIVOTS); i < min(first * N + N, SWEPT); ++i)
 #pragma unroll
                 for (int p = first; p < PACKS; ++p) {
                     realN row = LOAD_PRIVATE(matrix, i * MP + p * N);
 #pragma unroll
-                    for (int r = 0; r < PIVOTS; ++r) row -= rows[r * MP + i] * pivots[r * PACKS + p];
+                    for (int r = 0; r < PIVOTS; ++r) row -= matrix[(k + r) * MP + i] * pivots[r * PACKS + p];
                     STORE_PRIVATE(matrix, i * MP + p * N, row);
                 }
         }
-        for (int j = 0; j < min(from + N, SWEPT); ++j)
-#pragma unroll
-            for (int r = 0; r < PIVOTS; ++r) matrix[j * MP + k + r] = swept[r * MP + j];
-#pragma unroll
-        for (int r = 0; r < PIVOTS; ++r) {
-            for (int j = from; j < MP; j += N) STORE_PRIVATE(matrix, (k + r) * MP + j, LOAD_PRIVATE(swept, r * MP + j));
-#pragma unroll
-            for (int c = 0; c < PIVOTS; ++c) matrix[(k + r) * MP + k + c] = -inverse[r * PIVOTS + c];
-        }
     }
+    for (int k = SWEPT - PIVOTS; k >= 0; k -= PIVOTS) { /* Z, from the last rows */
+        const real *block = inverses + k * PIVOTS;
+        realN sum[PIVOTS * PACKS];
+#pragma unroll
+        for (int i = 0; i < PIVOTS * PACKS; ++i) sum[i] = 0;
+#pragma unroll
+        for (int first = 0; first < PACKS; ++first)
+            for (int i = max(first * N, k + PIVOTS); i < min(first * N + N, SWEPT); ++i)
+#pragma unroll
+                for (int p = first; p < PACKS; ++p) {
+                    const realN row = LOAD_PRIVATE(matrix, i * MP + p * N);
+#pragma unroll
+                    for (int r = 0; r < PIVOTS; ++r) sum[r * PACKS + p] += matrix[(k + r) * MP + i] * row;
+                }
+#pragma unroll
+        for (int r = 0; r < PIVOTS; ++r)
+#pragma unroll
+            for (int p = 0; p < PACKS; ++p) {
+                if (p < k / N) continue;
+                realN row = 0;
+#pragma unroll
+                for (int c = r; c < PIVOTS; ++c) row -= block[c * PIVOTS + r] * sum[c * PACKS + p];
+                STORE_PRIVATE(matrix, (k + r) * MP + p * N, row);
+            }
+#pragma unroll
+        for (int r = 0; r < PIVOTS; ++r)
+#pragma unroll
+            for (int c = 0; c < PIVOTS; ++c) matrix[(k + r) * MP + k + c] = block[c * PIVOTS + r];
+    }
+    for (int i = 0; i < SWEPT; ++i) { /* Z^T */
+        const int from = i / N * N;
+        for (int j = 0; j < from; ++j) matrix[i * MP + j] = matrix[j * MP + i];
+        for (int j = from; j < from + N; ++j) diagonal[i * N + j - from] = j < SWEPT ? matrix[j * MP + i] : 0;
+    }
+}
+
+/* Replace TILE patches b by Z Z^T b. */
+static inline void solve(const real *matrix, const real *diagonal, const real *patches, real *solved)
+{
+    realN sum[TILE * PACKS];
+#pragma unroll
+    for (int t = 0; t < TILE * PACKS; ++t) sum[t] = 0;
+#pragma unroll
+    for (int first = 0; first < PACKS; ++first)
+        for (int q = first * N; q < min(first * N + N, M); ++q)
+#pragma unroll
+            for (int p = first; p < PACKS; ++p) {
+                const realN row = LOAD_PRIVATE(matrix, q * MP + p * N);
+#pragma unroll
+                for (int t = 0; t < TILE; ++t) sum[t * PACKS + p] += patches[t * ROOM + q] * row;
+            }
+#pragma unroll
+    for (int t = 0; t < TILE; ++t)
+#pragma unroll
+        for (int p = 0; p < PACKS; ++p) STORE_PRIVATE(solved, t * ROOM + p * N, sum[t * PACKS + p]);
+#pragma unroll
+    for (int t = 0; t < TILE * PACKS; ++t) sum[t] = 0;
+#pragma unroll
+    for (int last = 0; last < PACKS; ++last)
+        for (int q = last * N; q < min(last * N + N, M); ++q)
+#pragma unroll
+            for (int p = 0; p <= last; ++p) {
+                const realN row = p == last ? LOAD_PRIVATE(diagonal, q * N) : LOAD_PRIVATE(matrix, q * MP + p * N);
+#pragma unroll
+                for (int t = 0; t < TILE; ++t) sum[t * PACKS + p] += solved[t * ROOM + q] * row;
+            }
+#pragma unroll
+    for (int t = 0; t < TILE; ++t)
+#pragma unroll
+        for (int p = 0; p < PACKS; ++p) STORE_PRIVATE(solved, t * ROOM + p * N, sum[t * PACKS + p]);
 }
 
 ALONE __kernel void group_step(
@@ -241,6 +320,7 @@ ALONE __kernel void group_step(
     __global const real *variances, /* one plane; read if it is a map */
     const int mapped,
     const real variance_,                /* read if it is none */
+    const real worst,                    /* largest trace of C over the least variance */
     __global const ushort *members,      /* (references, MOST) */
     __global const int *sizes_of_groups, /* (references,) */
     /* output */
@@ -249,7 +329,8 @@ ALONE __kernel void group_step(
 {
     const int bx = first.x + 2 * (int)get_global_id(0), by = first.y + 2 * (int)get_global_id(1);
     const int bz = first.z + 2 * (int)get_global_id(2);
-    real patches[(MOST + TILE) * ROOM], matrix[MP * MP], variance[MP], change[TILE * ROOM];
+    /* the covariance is computed in TILE rows, of which the last ones may be beyond the matrix */
+    real patches[(MOST + TILE) * ROOM], matrix[(MP + TILE) * MP], diagonal[MP * N], variance[MP], change[TILE * ROOM];
     long places[MOST];
     for (int q = 0; q < MP; ++q) variance[q] = q < M ? variance_ : 0;
     for (int k = bz * block.z / steps.z; k < counts.z && REFERENCE(k, z) < (bz + 1) * block.z; ++k)
@@ -275,40 +356,32 @@ ALONE __kernel void group_step(
                 for (int c = 0; c < channels; ++c) {
                     copy_patches(guide + c * plane, places, n, pitch, layer, patches);
                     covariance(patches, n, matrix);
+                    real trace = 0, least = variance[0];
+                    for (int q = 0; q < M; ++q) {
+                        trace += matrix[q * MP + q];
+                        least = fmin(least, variance[q]);
+                    }
+                    const bool known = trace <= worst * least;
                     for (int q = M; q < SWEPT; ++q)
                         for (int p = q / N * N; p < MP; ++p) matrix[q * MP + p] = 0;
                     for (int q = 0; q < SWEPT; ++q) matrix[q * MP + q] += q < M ? variance[q] : 1;
-                    sweep(matrix);
-                    /* both triangles of -(C+S)^-1, times -S from one side */
-                    for (int q = 0; q < M; ++q)
-                        for (int p = 0; p < q / N * N; ++p) matrix[q * MP + p] = matrix[p * MP + q];
-                    for (int q = 0; q < M; ++q)
-#pragma unroll
-                        for (int p = 0; p < PACKS; ++p)
-                            STORE_PRIVATE(
-                                matrix, q * MP + p * N,
-                                -LOAD_PRIVATE(matrix, q * MP + p * N) * LOAD_PRIVATE(variance, p * N));
+                    if (known) factor(matrix, diagonal);
                     copy_patches(f0 + c * plane, places, n, pitch, layer, patches);
                     for (int v = 0; v < n; v += TILE) {
-                        realN sum[TILE * PACKS];
-#pragma unroll
-                        for (int t = 0; t < TILE * PACKS; ++t) sum[t] = 0;
                         /* members after the last one have old numbers, which are not used */
-                        const real *patch = patches + v * ROOM;
-                        for (int q = 0; q < M; ++q) {
-                            realN row[PACKS];
-#pragma unroll
-                            for (int p = 0; p < PACKS; ++p) row[p] = LOAD_PRIVATE(matrix, q * MP + p * N);
-#pragma unroll
-                            for (int t = 0; t < TILE; ++t)
-#pragma unroll
-                                for (int p = 0; p < PACKS; ++p) sum[t * PACKS + p] += patch[t * ROOM + q] * row[p];
-                        }
-#pragma unroll
-                        for (int t = 0; t < TILE; ++t)
-#pragma unroll
-                            for (int p = 0; p < PACKS; ++p) STORE_PRIVATE(change, t * ROOM + p * N, sum[t * PACKS + p]);
+                        if (known) solve(matrix, diagonal, patches + v * ROOM, change);
                         for (int t = 0; t < TILE && v + t < n; ++t) {
+                            if (known) {
+#pragma unroll
+                                for (int p = 0; p < PACKS; ++p)
+                                    STORE_PRIVATE(
+                                        change, t * ROOM + p * N,
+                                        LOAD_PRIVATE(change, t * ROOM + p * N) * LOAD_PRIVATE(variance, p * N));
+                            } else {
+                                copy_patch(f0 + c * plane + places[v + t], pitch, layer, change + t * ROOM);
+                                copy_patch(guide + c * plane + places[v + t], pitch, layer, patches);
+                                for (int q = 0; q < M; ++q) change[t * ROOM + q] -= patches[q];
+                            }
                             __global real *to = sums + c * plane + places[v + t];
 #pragma unroll
                             for (int line = 0; line < LINES; ++line)

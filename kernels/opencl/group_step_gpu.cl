@@ -1,20 +1,21 @@
 /* The changes r of the patches of each group, as in group_step.cl, for a GPU: no private array in memory.
  *
  *   C = 1/(N_u - 1) sum_v (b(v) - m_b)(b(v) - m_b)^T,   S = diag(mean over v of the variances of the patch)
- *   r(v) = S (C + S)^-1 (a(v) - m)
+ *   r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > worst min S
  *
  * One work group: one of a range of references, one channel after the other.
  *   C          blocks of two lines of a patch in registers, D D numbers; the members are dealt to SUBSETS work items for
  *              each block, which add what they have in order
- *   (C+S)^-1   by the symmetric sweep operator with one row at a time: PARTS work items have a row in registers, work
- *              item p columns p, p + PARTS, ...; the pivot's row goes through local memory, with one barrier. Registers
- *              have no index at run time, so a row moves by four after four of its pivots: the pivots are in the first.
- *   r          each work item has a line of the patches of TURN members in registers
+ *   C+S        = L P L^T with 1 on the diagonal of L; W = L^-1 and the pivots P by elimination, as in group_step.cl not
+ *              the inverse: PARTS work items have a row in registers, work item p columns p, p + PARTS, ...; the row of a
+ *              pivot goes through local memory, with one barrier. Registers have no index at run time, so a row moves by
+ *              one after PARTS pivots: the pivots are in the first.
+ *   r          S W^T P^-1 W (a - m); each work item has a line of the patches of TURN members in registers
  *   sums       a patch has one cell in each class of cells of the tile that differ by whole patches: work item l adds
  *              the numbers of its class, member by member, so that no two write one cell, and no barrier is between
  * The tile of sums is written for group_gather.cl, with a mark for each place of the window that is a member.
- * Arithmetic per group and channel: N_u M (M + 1)/2 + M^3 + N_u M M multiply-adds.
- * Local memory: two tiles, M M + BATCH M + 2 PARTS COLUMNS + 2 M numbers, 8 MOST bytes. Traffic per group and channel:
+ * Arithmetic per group and channel: N_u M (M + 1)/2 + M^3/2 + N_u M M multiply-adds.
+ * Local memory: two tiles, M M + BATCH M + 2 PARTS COLUMNS + 3 M numbers, 8 MOST bytes. Traffic per group and channel:
  * reads the tile's cells of f0 and guide from the cache, writes the tile; once, PLACES bytes.
  */
 #include "group_tile.cl"
@@ -96,9 +97,11 @@ static inline void covariance(
     }
 }
 
-/* Replace the matrix + S by -1 times its inverse. After the sweep with row k, with the pivot P = matrix(k, k):
- * matrix(i, j) - matrix(i, k) matrix(k, j)/P,   matrix(i, k)/P in row and column k,   -1/P at (k, k). */
-static inline void invert(__local real *matrix, __local const real *variance, __local real *pivots, const int l)
+/* Replace the matrix + S by W and, above its diagonal of 1, W^T, and `scale` by 1/P. A pivot k is matrix(k, k); then
+ * matrix(i, j) -= matrix(i, k) matrix(k, j)/P(k) in the rows i > k, and matrix(i, k) = -matrix(i, k)/P(k): the columns
+ * up to k are those of W, and what is right of them and below is symmetric. */
+static inline void factor(
+    __local real *matrix, __local const real *variance, __local real *scale, __local real *pivots, const int l)
 {
     const int part = l / M, own = l % M, place = own % PARTS * COLUMNS; /* column `own` is at place + at of a pivot */
     const bool on = part < PARTS;
@@ -118,16 +121,16 @@ static inline void invert(__local real *matrix, __local const real *variance, __
 #pragma unroll
                 for (int j = 0; j < COLUMNS; ++j) pivot[part * COLUMNS + j] = row[j];
             barrier(CLK_LOCAL_MEM_FENCE);
-            if (!on || k >= M) continue;
+            if (!on || own < k || k >= M) continue;
             const real inverse = 1 / pivot[p * COLUMNS];
-            const real factor = pivot[place + at] * inverse; /* by symmetry: matrix(own, k)/P */
-            if (own == k)
+            if (own == k) {
+                scale[k] = inverse;
+                continue;
+            }
+            const real share = pivot[place + at] * inverse; /* by symmetry: matrix(own, k)/P(k) */
 #pragma unroll
-                for (int j = 0; j < COLUMNS; ++j) row[j] *= inverse;
-            else
-#pragma unroll
-                for (int j = 0; j < COLUMNS; ++j) row[j] -= factor * pivot[part * COLUMNS + j];
-            if (part == p) row[0] = own == k ? -inverse : factor;
+            for (int j = 0; j < COLUMNS; ++j) row[j] -= share * pivot[part * COLUMNS + j];
+            if (part == p) row[0] = -share;
         }
         const real begin = row[0];
 #pragma unroll
@@ -136,50 +139,62 @@ static inline void invert(__local real *matrix, __local const real *variance, __
         at = at == 0 ? COLUMNS - 1 : at - 1;
     }
 #pragma unroll
-    for (int j = 0; j < COLUMNS; ++j)
-        if (on && j * PARTS + part < M) matrix[own * M + j * PARTS + part] = row[j];
+    for (int j = 0; j < COLUMNS; ++j) {
+        const int column = j * PARTS + part;
+        if (!on || column > own) continue;
+        const real value = column < own ? row[j] : 1;
+        matrix[own * M + column] = value;
+        matrix[column * M + own] = value;
+    }
 }
 
-/* r of TURN members from `from` on, SLOTS apart, in a line of the patch; -matrix is (C+S)^-1. */
-static inline void filter(
-    __local const real *tile,
-    __local const int *places,
-    __local const real *mean,
+/* A line of P^-1 W (x - mean) for the patches x of TURN members; `matrix` has W^T above its diagonal of 1. */
+static inline void forward(
     __local const real *matrix,
-    __local const real *variance,
-    const int from,
-    const int n,
-    const int l,
-    __local real *changes)
+    __local const real *scale,
+    __local const real *mean,
+    __local const real *const *patches,
+    const int line,
+    real *sum)
 {
-    const int line = l % LINES, slot = l / LINES;
-    __local const real *patch[TURN];
-    real sum[TURN * D];
-#pragma unroll
-    for (int t = 0; t < TURN; ++t) patch[t] = tile + places[min(from + slot + t * SLOTS, n - 1)];
 #pragma unroll
     for (int t = 0; t < TURN * D; ++t) sum[t] = 0;
-    for (int other = 0; other < LINES; ++other)
+    for (int other = 0; other <= line; ++other)
 #pragma unroll
         for (int q = 0; q < D; ++q) {
-            const int j = other * D + q;
+            __local const real *weights = matrix + (other * D + q) * M + line * D;
             real x[TURN];
 #pragma unroll
-            for (int t = 0; t < TURN; ++t) x[t] = patch[t][LINE_AT(other) + q] - mean[j];
+            for (int t = 0; t < TURN; ++t) x[t] = patches[t][LINE_AT(other) + q] - mean[other * D + q];
 #pragma unroll
             for (int r = 0; r < D; ++r) {
-                const real value = matrix[j * M + line * D + r];
+                const real weight = q <= r || other < line ? weights[r] : 0;
 #pragma unroll
-                for (int t = 0; t < TURN; ++t) sum[t * D + r] += value * x[t];
+                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weight * x[t];
             }
         }
 #pragma unroll
-    for (int r = 0; r < D; ++r) {
-        const real noise = -variance[line * D + r];
+    for (int r = 0; r < D; ++r)
 #pragma unroll
-        for (int t = 0; t < TURN; ++t)
-            if (slot < SLOTS) changes[(slot + t * SLOTS) * M + line * D + r] = noise * sum[t * D + r];
-    }
+        for (int t = 0; t < TURN; ++t) sum[t * D + r] *= scale[line * D + r];
+}
+
+/* A line of W^T y for TURN members, whose y are SLOTS M numbers apart; `matrix` has W below its diagonal of 1. */
+static inline void back(__local const real *matrix, __local const real *y, const int line, real *sum)
+{
+#pragma unroll
+    for (int t = 0; t < TURN * D; ++t) sum[t] = 0;
+    for (int other = line; other < LINES; ++other)
+#pragma unroll
+        for (int q = 0; q < D; ++q) {
+            __local const real *weights = matrix + (other * D + q) * M + line * D;
+#pragma unroll
+            for (int r = 0; r < D; ++r) {
+                const real weight = q >= r || other > line ? weights[r] : 0;
+#pragma unroll
+                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weight * y[t * SLOTS * M + other * D + q];
+            }
+        }
 }
 
 __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
@@ -190,6 +205,7 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
     __global const real *variances, /* one plane; read if it is a map */
     const int mapped,
     const real variance_,                /* read if it is none */
+    const real worst,                    /* trace C over min S at most */
     __global const ushort *members,      /* (references, MOST) */
     __global const int *sizes_of_groups, /* (references,) */
     /* output */
@@ -197,7 +213,7 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
     __global uchar *marks) /* (work groups, PLACES): 1 for a member */
 {
     __local real tile[TILE], sums[TILE], matrix[M * M], changes[BATCH * M], pivots[2 * PARTS * COLUMNS];
-    __local real mean[M], variance[M];
+    __local real mean[M], variance[M], scale[M];
     __local int places[MOST];   /* tile cell where a member's patch begins */
     __local uchar4 turns[MOST]; /* its x, y, z less whole patches */
     const int l = (int)get_local_id(0), slot = (int)get_group_id(0), reference = first + slot;
@@ -225,6 +241,7 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
         noise += variances[PLACE(corner.z + row / (2 * WY + 1) + zl, y, x)];
     }
     if (l < M) variance[l] = mapped ? noise / (real)n : variance_;
+    const int line = min(l / SLOTS, LINES - 1), own = l % SLOTS * M + line * D; /* in r and y */
     for (int c = 0; c < channels; ++c) {
         load_tile(guide + before + c * plane, sizes, pitch, layer, corner, l, ITEMS, tile);
         barrier(CLK_LOCAL_MEM_FENCE);
@@ -232,12 +249,31 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
         if (l < M) mean[l] = mean_of(tile, places, n, LINE_AT(l / D) + xl);
         barrier(CLK_LOCAL_MEM_FENCE);
         covariance(tile, places, mean, n, l, matrix);
+        real trace = 0, least = variance[0];
+        for (int q = 0; q < M; ++q) {
+            trace += matrix[q * M + q];
+            least = fmin(least, variance[q]);
+        }
+        const bool known = trace <= worst * least;
         load_tile(f0 + before + c * plane, sizes, pitch, layer, corner, l, ITEMS, tile);
-        invert(matrix, variance, pivots, l);
+        factor(matrix, variance, scale, pivots, l);
         if (l < M) mean[l] = mean_of(tile, places, n, LINE_AT(l / D) + xl);
         barrier(CLK_LOCAL_MEM_FENCE);
         for (int from = 0; from < n; from += BATCH) {
-            filter(tile, places, mean, matrix, variance, from, n, l, changes);
+            __local const real *patches[TURN];
+            real sum[TURN * D];
+#pragma unroll
+            for (int t = 0; t < TURN; ++t) patches[t] = tile + places[min(from + l % SLOTS + t * SLOTS, n - 1)];
+            forward(matrix, scale, mean, patches, line, sum);
+#pragma unroll
+            for (int t = 0; t < TURN * D; ++t)
+                if (l < LINES * SLOTS) changes[own + t / D * SLOTS * M + t % D] = sum[t];
+            barrier(CLK_LOCAL_MEM_FENCE);
+            back(matrix, changes + l % SLOTS * M, line, sum);
+            barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+            for (int t = 0; t < TURN * D; ++t)
+                if (l < LINES * SLOTS) changes[own + t / D * SLOTS * M + t % D] = variance[line * D + t % D] * sum[t];
             barrier(CLK_LOCAL_MEM_FENCE);
             for (int v = from; l < M && v < min(from + BATCH, n); ++v) {
                 const uchar4 turn = turns[v];
@@ -245,8 +281,13 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
                 x += x < 0 ? D : 0;
                 y += y < 0 ? DY : 0;
                 z += z < 0 ? 2 * PZ + 1 : 0;
-                const int line = z * DY + y;
-                sums[places[v] + LINE_AT(line) + x] += changes[(v - from) * M + line * D + x];
+                const int in_patch = z * DY + y, at = places[v] + LINE_AT(in_patch) + x;
+                real change = changes[(v - from) * M + in_patch * D + x];
+                if (!known) {
+                    const int row = at / TILE_X, yt = corner.y + row % TILE_Y, zt = corner.z + row / TILE_Y;
+                    change = tile[at] - guide[c * plane + PLACE(zt, yt, corner.x + at % TILE_X)];
+                }
+                sums[at] += change;
             }
             barrier(CLK_LOCAL_MEM_FENCE);
         }

@@ -136,7 +136,11 @@ ALONE __kernel void patch_groups(
     for (int row = 0; row < ROWS; ++row)
         for (int p = 0; p < PACKS; ++p) {
             const realN pack = d[row * PACKS + p];
-            if (!(any(pack <= (realN)(bound)))) continue;
+#if N == 1 /* any() of a number looks at its sign, and 1 is true here */
+            if (!(pack <= bound)) continue;
+#else
+            if (!any(pack <= (realN)(bound))) continue;
+#endif
             real parts[N];
             STORE_PRIVATE(parts, 0, pack);
             for (int q = 0; q < N; ++q) {

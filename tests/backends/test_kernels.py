@@ -11,7 +11,7 @@ from gpureg import backends, kernels
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
 # Parts of one language alone; kernels/README.md says why.
-WARP_PARTS = {"pack"}
+OPENCL_PARTS, WARP_PARTS = {"lattice"}, {"pack", "lanes"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
@@ -19,6 +19,8 @@ INCLUDES = {
     "aggregate": ("grid.cl", "reals.cl"),
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
+    "patch_groups": ("lattice.cl", "reals.cl"),
+    "group_step": ("lattice.cl", "reals.cl"),
     "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "influence_zones": (),
@@ -27,7 +29,9 @@ INCLUDES = {
 # A kernel whose primitive's name is a built-in function of the language.
 KERNELS = {"dot": "dot_product"}
 PRIMITIVES = sorted(
-    path.stem for path in (kernels.folder / "opencl").glob("*.cl") if path.stem not in PARTS | FUSED | FUSED_PARTS
+    path.stem
+    for path in (kernels.folder / "opencl").glob("*.cl")
+    if path.stem not in PARTS | OPENCL_PARTS | FUSED | FUSED_PARTS
 )
 
 
@@ -45,11 +49,13 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "euler_step",
         "gradient",
         "gradient_norm",
+        "group_step",
         "influence_zones",
         "jacobi_step",
         "max_change",
         "p_laplacian",
         "patch_distance",
+        "patch_groups",
         "primal",
         "similarity_step",
     ]
@@ -59,8 +65,8 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
 def test_the_languages_have_the_same_files():
     opencl = {path.stem for path in (kernels.folder / "opencl").glob("*.cl")}
     warp = {path.stem for path in (kernels.folder / "warp").glob("*.py")} - {"__init__"}
-    assert opencl - FUSED - FUSED_PARTS == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
-    assert warp >= WARP_PARTS and opencl >= FUSED | FUSED_PARTS
+    assert opencl - OPENCL_PARTS - FUSED - FUSED_PARTS == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
+    assert warp >= WARP_PARTS and opencl >= OPENCL_PARTS | FUSED | FUSED_PARTS
 
 
 @pytest.mark.parametrize("stem", sorted(PARTS | set(PRIMITIVES)))

@@ -14,8 +14,9 @@ from test_primitives import PAIRS
 from gpureg.backends import Backend
 from gpureg.graphs.grid import GridGraph
 
-# Made of primitives, or not computing anything.
+# Made of primitives, or not computing anything; test_groups_of_patches.py has groups, which are no function.
 OTHERS = {
+    *("patch_groups", "get_groups", "group_step"),
     *("put", "get", "empty", "put_edges", "get_edges", "empty_edges", "channels"),
     *("prepare", "prepare_gamma", "get_weights", "conductances", "copy", "finish"),
 }

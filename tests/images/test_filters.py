@@ -230,7 +230,7 @@ MASKED = {
     "largest centre": (gr.denoise_nl_means, {"h": 0.6, "centre": "largest", "border": "nearest"}),
     "bilateral": (gr.denoise_bilateral, {"sigma_value": 0.3}),
     "total variation": (gr.denoise_tv, {"lam": 5, "max_iter": 20}),
-    "image": (gr.denoise_image, {"sigma": 0.1}),
+    "image": (gr.denoise_image, {"sigma": 0.1, "passes": 1}),
 }
 
 
@@ -318,7 +318,7 @@ def test_a_guide_without_noise_is_trusted():
     clean = 0.5 + 0.05 * np.sign(np.sin(np.arange(64) / 5.0)) + np.zeros((64, 1))
     noisy = clean + 0.1 * rng(3).standard_normal(clean.shape)
     by_guide = gr.denoise_image(noisy, guide=clean, backend="numpy")
-    assert np.std(by_guide - clean) < 0.9 * np.std(gr.denoise_image(noisy, backend="numpy") - clean)
+    assert np.std(by_guide - clean) < 0.9 * np.std(gr.denoise_image(noisy, backend="numpy", passes=1) - clean)
 
 
 def test_the_edge_norm_has_a_smaller_lam():

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from small_passes import with_small_passes
 
 import gpureg as gr
 from gpureg.images import parts
 from gpureg.images.raster import Raster
 
 CASES = {
-    "grey": ((61, 70), None, {"radius": 3}),
-    "colour": ((40, 50, 3), -1, {"radius": 2}),
-    "channels first": ((2, 40, 50), 0, {"radius": 3}),
-    "volume": ((14, 20, 18), None, {}),
-    "bilateral": ((61, 70), None, {"weights": "bilateral", "radius": 4, "sigma_value": 40.0}),
+    "grey": ((121, 130), None, {"radius": 3, "passes": 2}),
+    "colour": ((121, 130, 3), -1, {"radius": 2, "passes": 2}),
+    "channels first": ((2, 40, 50), 0, {"radius": 3, "passes": 1}),
+    "volume": ((96, 10, 12), None, {"passes": 2}),
+    "bilateral": ((121, 130), None, {"weights": "bilateral", "radius": 4, "sigma_value": 40.0, "passes": 3}),
     "plain averages": ((40, 50), None, {"weights": "patch", "radius": 3, "average_patches": True}),
-    "map": ((40, 50), None, {"sigma": "a map", "radius": 4}),
+    "map": ((121, 130), None, {"sigma": "a map", "radius": 4, "passes": 2}),
     "guide": ((40, 50), None, {"guide": "another", "weights": "patch", "radius": 4}),
 }
 
@@ -36,7 +37,7 @@ def test_parts_have_the_bits_of_the_whole(monkeypatch, name, masked):
     if masked:
         mask = rng.random(cells) < 0.8
         mask[tuple(slice(n // 4, 2 * n // 3) for n in cells)] = False
-    plan = gr.plan_denoising(image, channel_axis=axis, mask=mask, guide=guide, **choice)
+    plan = with_small_passes(gr.plan_denoising(image, channel_axis=axis, mask=mask, guide=guide, **choice))
     whole = gr.run_plan(plan, image, channel_axis=axis, mask=mask, guide=guide, backend="numpy").value
     raster = Raster.of(image, axis, mask)
     kinds = {"solver": "jacobi", "backend": "numpy", "dtype": np.dtype(np.float32), "masked": masked}
@@ -44,6 +45,7 @@ def test_parts_have_the_bits_of_the_whole(monkeypatch, name, masked):
     monkeypatch.setattr(parts, "_CUTS", (2,))  # every axis in two, however much fits
     tiles = parts.tiles_of(plan, raster.shape, raster.channels, **kinds, memory=2**40)
     assert len(tiles) == 2 ** len(cells)
+    assert not plan.passes or any(tile.wide[0].start > 0 for tile in tiles)
     found = parts.run_in_parts(plan, raster, guide=guide, backend="numpy")
     np.testing.assert_array_equal(found.value, whole)
     assert found.value.dtype == image.dtype and found.iterations == 1

@@ -1,15 +1,11 @@
-"""Figures of quality that the project promises, on pictures of the test data, and the table of bench/quality.py."""
+"""Figures of quality that the project promises, on pictures of the test data."""
 
 from __future__ import annotations
 
-import json
-
-import numpy as np
 import pytest
 
 import gpureg as gr
-from bench import quality
-from gpureg.files import pictures
+from bench.quality import scenes as quality
 
 
 @pytest.fixture
@@ -57,7 +53,7 @@ def test_averaged_patches_gain(camera):
 
 
 # The best that scikit-image's nonlocal means (fast and slow), total variation and bilateral filters reach when they are
-# told sigma and tuned by the true PSNR (bench/quality.py): the rows where our margin is least, and most.
+# told sigma and tuned by the true PSNR (bench/quality/tuned.py): the rows where our margin is least, and most.
 @pytest.mark.parametrize(
     ("name", "sigma", "best"),
     [("camera", 20, 30.10), ("brick", 10, 38.90), ("coins", 10, 32.77), ("kodim08", 10, 32.93), ("house", 40, 28.83)],
@@ -68,83 +64,3 @@ def test_no_parameters_beat_tuned_filters(data_folder, name, sigma, best):
     noisy = quality.noisy_of(clean, sigma)
     denoised = gr.denoise_image(noisy, channel_axis=None if clean.ndim == 2 else -1)
     assert quality.psnr(denoised, clean) >= best - 0.1
-
-
-def test_psnr():
-    """A constant difference of d: 20 log10(255/d)."""
-    clean = np.zeros((3, 4))
-    assert quality.psnr(clean + 25.5, clean) == pytest.approx(20)
-
-
-def test_the_search_finds_the_top_and_looks_once_at_a_place():
-    seen = []
-
-    def hill(at):
-        seen.append((at["x"], at["y"]))
-        return -((at["x"] - 8) ** 2) - (at["y"] - 1) ** 2 + at["x"] * at["y"] / 10
-
-    grid = {"x": range(10), "y": range(7)}
-    best = quality.climb(grid, hill)
-    assert best == max(({"x": x, "y": y} for x in grid["x"] for y in grid["y"]), key=hill)
-    looked = seen[: -len(grid["x"]) * len(grid["y"])]
-    assert len(set(looked)) == len(looked) < 40
-
-
-@pytest.mark.parametrize("who", quality.PEERS)
-@pytest.mark.parametrize("shape", [(24, 20), (24, 20, 3)], ids=["grey", "colour"])
-def test_a_peer_is_tuned(who, shape, monkeypatch):
-    """Every filter takes grey and colour, and gains 3 dB at a step with noise of 20 (measured: 4.7 to 18)."""
-    if not quality.installed(who):
-        pytest.skip(f"{who} needs scikit-image, a wavelet PyWavelets too")
-    apply, grid = quality.PEERS[who]
-    small = {name: [values[len(values) // 2]] for name, values in grid.items()}
-    small[next(reversed(grid))] = list(grid[next(reversed(grid))])[::6]
-    monkeypatch.setitem(quality.PEERS, who, (apply, small))
-    clean = np.full(shape, 60.0)
-    clean[:, 9:] = 180
-    noisy = quality.noisy_of(clean, 20)
-    found = quality.tuned(who, clean, noisy, 20)
-    assert found["psnr"] > quality.psnr(noisy, clean) + 3
-    assert found["settings"].keys() == grid.keys()
-
-
-@pytest.fixture
-def house(monkeypatch, tmp_path):
-    """A table of one small picture."""
-    clean = np.kron(np.array([[60, 180], [200, 90]], np.uint8), np.ones((12, 12), np.uint8))
-    (tmp_path / "images").mkdir()
-    pictures.write_picture(tmp_path / "images" / "house.png", pictures.Picture(clean))
-    monkeypatch.setenv("GPUREG_DATA", str(tmp_path))
-    monkeypatch.setattr(quality, "PICTURES", {"house": "house.png"})
-    return tmp_path
-
-
-def test_the_table(house, capsys):
-    """Saved peers are not computed again, wavelets do not count, and the difference is ours less the best."""
-    saved = {"house 20": {"tv_chambolle": {"psnr": 20.0}, "bilateral": {"psnr": 19.0}, "wavelet": {"psnr": 99.0}}}
-    (house / "peers.json").write_text(json.dumps(saved))
-    arguments = ["--sigma", "20", "--filters", "tv_chamb", "--json", str(house / "out.json")]
-    assert quality.main([*arguments, "--peers", str(house / "peers.json")]) == 0
-    line = json.loads((house / "out.json").read_text())["rows"]["house 20"]
-    assert json.loads((house / "peers.json").read_text()) == saved
-    ours = line["ours"]["psnr"]
-    assert (
-        ours
-        > line["noisy"]["psnr"]
-        == pytest.approx(quality.psnr(quality.noisy_of(c := quality.picture("house"), 20), c))
-    )
-    said = capsys.readouterr().out
-    assert "20.00 tv_chambolle" in said
-    assert f"worst {ours - 20:+.2f} dB (house 20), mean {ours - 20:+.2f} dB" in said
-
-
-def test_missing_pictures_and_names(house, monkeypatch, capsys):
-    monkeypatch.setitem(quality.PICTURES, "lost", "lost.png")
-    with pytest.raises(FileNotFoundError, match=r"no picture lost\.png: set GPUREG_DATA"):
-        quality.picture("lost")
-    with pytest.raises(SystemExit):
-        quality.main(["--only", "nothing"])
-    assert "no picture has 'nothing' in its name; there are house, lost" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        quality.main([])
-    assert "there is no picture lost: set GPUREG_DATA" in capsys.readouterr().err

@@ -88,6 +88,7 @@ CALLS = {
     "denoise_bilateral": lambda f, **k: gr.denoise_bilateral(f, sigma_value=1.0, radius=1, backend="numpy", **k),
     "denoise_tv": lambda f, **k: gr.denoise_tv(f, lam=3.0, max_iter=1, backend="numpy", **k),
     "patch_graph": lambda f, **k: gr.patch_graph(f, 2, radius=1, patch_radius=0, backend="numpy", **k),
+    "patch_groups": lambda f, **k: gr.patch_groups(f, radius=1, patch_radius=0, backend="numpy", **k),
     "inpaint_image": lambda f, **k: gr.inpaint_image(f, _hole(f, k), max_iter=1, backend="numpy", **k),
     "simplify_image": lambda f, **k: gr.simplify_image(f, sources=8, backend="numpy", **k),
     "skimage nl_means": lambda f, **k: drop_in.denoise_nl_means(f, 3, 1, backend="numpy", **k),

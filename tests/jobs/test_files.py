@@ -371,6 +371,7 @@ def test_the_report_of_one_picture_has_no_new_keys(tmp_path, noisy):
             "lam_reason",
             "radius",
             "metric",
+            "passes",
             "iterations",
             "stop",
             "energy",

@@ -75,11 +75,12 @@ def _bilateral(values: Array, unit: float, backend: str) -> Array:
 
 
 def _default(values: Array, unit: float, backend: str) -> Array:
-    return gr.denoise_image(values, backend=backend)
+    # the filter alone: groups of patches are found on a lattice, which a flip moves
+    return gr.denoise_image(values, passes=1, backend=backend)
 
 
 def _with_sigma(values: Array, unit: float, backend: str) -> Array:
-    return gr.denoise_image(values, sigma=0.08 * unit, radius=3, backend=backend)
+    return gr.denoise_image(values, sigma=0.08 * unit, radius=3, passes=1, backend=backend)
 
 
 def _rough(values: Array, unit: float, backend: str) -> Array:

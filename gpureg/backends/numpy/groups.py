@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
 from ...graphs.grid import GridGraph, row_major
-from ..groups import GroupForm, GroupPrimitives, Groups, group_planes
+from ..groups import GroupForm, GroupPrimitives, Groups, group_planes, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
 
@@ -95,8 +95,8 @@ class NumpyGroups(GroupPrimitives):
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
             sizes = groups.sizes[filled[band]]
             used = np.arange(form.most) < sizes[:, None]
-            # (groups, members, cells) indices in a padded plane
-            where = (centres[band, None] + steps[groups.members[filled[band]]])[..., None] + cells
+            # (groups, members, cells) indices in a padded plane; the reference where there is no member
+            where = (centres[band, None] + steps[groups.members[filled[band]]] * used)[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = sizes[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
@@ -111,8 +111,13 @@ class NumpyGroups(GroupPrimitives):
                 b = (b - ((b * present).sum(axis=1) / n)[:, None]) * present
                 matrix = b.swapaxes(1, 2) @ b / np.maximum(n - 1, 1)[..., None]
                 index = np.arange(form.cells)
+                trace = matrix[:, index, index].sum(axis=1)
                 matrix[:, index, index] += diagonal
-                change = (a @ np.linalg.inv(matrix)) * diagonal[:, None, :]
+                singular = trace > largest_trace(self.dtype) * diagonal.min(axis=1)
+                matrix[singular] = np.eye(form.cells)
+                # a solution, not an inverse, whose rounding errors would be those of the large values of a
+                change = np.linalg.solve(matrix, a.swapaxes(1, 2)).swapaxes(1, 2) * diagonal[:, None, :]
+                change[singular] = (noisy[c] - pilot[c]).ravel()[where[singular]]
                 np.add.at(total[c], covers, change[used].ravel())
         change = np.divide(total, count, out=noisy.reshape(channels, -1) - pilot.reshape(channels, -1), where=count > 0)
         value = (noisy.reshape(channels, -1) - change).reshape(noisy.shape)

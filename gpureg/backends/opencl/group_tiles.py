@@ -14,6 +14,8 @@ _SEARCH, _SMALL, _LARGE, _SMALL_CELLS = 128, 64, 128, 32
 _DISTANCES, _LINE = 64, 9
 # Local memory that a kernel may use without options of a driver: 48 KiB on NVIDIA's, 64 on AMD's.
 _LOCAL_BYTES = 48 << 10
+# Bytes that the alignment of arrays may take.
+_ALIGNMENT = 128
 # Bytes of the tiles of a range of references.
 _TILE_BYTES = 1 << 26
 
@@ -69,8 +71,8 @@ class GroupTiles:
         parts = self.step_items // cells
         columns = 4 * -(-cells // (4 * parts))
         batch = 3 * (self.step_items // lines)
-        numbers = 2 * self.cells + cells * (cells + batch + 2) + 2 * parts * columns
-        return self.itemsize * numbers + 8 * most <= min(local_bytes, _LOCAL_BYTES)
+        numbers = 2 * self.cells + cells * (cells + batch + 3) + 2 * parts * columns
+        return self.itemsize * numbers + 8 * most + _ALIGNMENT <= min(local_bytes, _LOCAL_BYTES)
 
     @property
     def numbers(self) -> int:

@@ -13,7 +13,7 @@ import pyopencl as cl
 
 from ...arrays import FloatArray
 from ...graphs.grid import GridGraph
-from ..groups import GroupForm, Groups, group_planes
+from ..groups import GroupForm, Groups, group_planes, largest_trace
 from ..types import Array, BackendUnavailable
 from .buffers import Function
 from .geometry import GridGeometry, round_up
@@ -185,6 +185,7 @@ class OpenCLGroups(OpenCLLaunches):
             variances,
             np.int32(mapped),
             self.real(0 if mapped else variance),
+            self.real(largest_trace(self.dtype)),
             groups.members,
             groups.sizes,
         ]
