@@ -97,7 +97,7 @@ static inline void covariance(
     }
 }
 
-/* Replace the matrix + S by W and, above its diagonal of 1, W^T, and `scale` by 1/P. A pivot k is matrix(k, k); then
+/* Replace the matrix + S by W, and `scale` by 1/P. A pivot k is matrix(k, k); then
  * matrix(i, j) -= matrix(i, k) matrix(k, j)/P(k) in the rows i > k, and matrix(i, k) = -matrix(i, k)/P(k): the columns
  * up to k are those of W, and what is right of them and below is symmetric. */
 static inline void factor(
@@ -141,14 +141,17 @@ static inline void factor(
 #pragma unroll
     for (int j = 0; j < COLUMNS; ++j) {
         const int column = j * PARTS + part;
-        if (!on || column > own) continue;
-        const real value = column < own ? row[j] : 1;
-        matrix[own * M + column] = value;
-        matrix[column * M + own] = value;
+        if (on && column < M) matrix[own * M + column] = row[j];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    /* the rest of the lines of the patch; what is right of them is not read */
+    for (int i = l; i < M * D; i += ITEMS) {
+        const int r = i / D, column = r / D * D + i % D;
+        if (column >= r) matrix[r * M + column] = column == r;
     }
 }
 
-/* A line of P^-1 W (x - mean) for the patches x of TURN members; `matrix` has W^T above its diagonal of 1. */
+/* A line of P^-1 W (x - mean) for the patches x of TURN members. */
 static inline void forward(
     __local const real *matrix,
     __local const real *scale,
@@ -162,16 +165,14 @@ static inline void forward(
     for (int other = 0; other <= line; ++other)
 #pragma unroll
         for (int q = 0; q < D; ++q) {
-            __local const real *weights = matrix + (other * D + q) * M + line * D;
+            __local const real *weights = matrix + line * D * M + other * D + q;
             real x[TURN];
 #pragma unroll
             for (int t = 0; t < TURN; ++t) x[t] = patches[t][LINE_AT(other) + q] - mean[other * D + q];
 #pragma unroll
-            for (int r = 0; r < D; ++r) {
-                const real weight = q <= r || other < line ? weights[r] : 0;
+            for (int r = 0; r < D; ++r)
 #pragma unroll
-                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weight * x[t];
-            }
+                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weights[r * M] * x[t];
         }
 #pragma unroll
     for (int r = 0; r < D; ++r)
@@ -179,7 +180,7 @@ static inline void forward(
         for (int t = 0; t < TURN; ++t) sum[t * D + r] *= scale[line * D + r];
 }
 
-/* A line of W^T y for TURN members, whose y are SLOTS M numbers apart; `matrix` has W below its diagonal of 1. */
+/* A line of W^T y for TURN members, whose y are SLOTS M numbers apart. */
 static inline void back(__local const real *matrix, __local const real *y, const int line, real *sum)
 {
 #pragma unroll
@@ -189,11 +190,9 @@ static inline void back(__local const real *matrix, __local const real *y, const
         for (int q = 0; q < D; ++q) {
             __local const real *weights = matrix + (other * D + q) * M + line * D;
 #pragma unroll
-            for (int r = 0; r < D; ++r) {
-                const real weight = q >= r || other > line ? weights[r] : 0;
+            for (int r = 0; r < D; ++r)
 #pragma unroll
-                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weight * y[t * SLOTS * M + other * D + q];
-            }
+                for (int t = 0; t < TURN; ++t) sum[t * D + r] += weights[r] * y[t * SLOTS * M + other * D + q];
         }
 }
 
