@@ -4,12 +4,12 @@
  *   r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > worst min S
  *
  * One work group: one of a range of references, one channel after the other.
- *   C          blocks of two lines of a patch in registers, D D numbers; the members are dealt to SUBSETS work items for
- *              each block, which add what they have in order
- *   C+S        = L P L^T with 1 on the diagonal of L; W = L^-1 and the pivots P by elimination, as in group_step.cl not
- *              the inverse: PARTS work items have a row in registers, work item p columns p, p + PARTS, ...; the row of a
- *              pivot goes through local memory, with one barrier. Registers have no index at run time, so a row moves by
- *              one after PARTS pivots: the pivots are in the first.
+ *   C          blocks of two lines of a patch in registers, D D numbers; the members are dealt to SUBSETS work items
+ *              for each block, which add what they have in order
+ *   C+S        = L P L^T with 1 on the diagonal of L; W = L^-1 and the pivots P by elimination, not the inverse, as in
+ *              group_step.cl: PARTS work items have a row in registers, work item p columns p, p + PARTS, ...; the row
+ *              of a pivot goes through local memory, with one barrier. Registers have no index at run time, so a row
+ *              moves by one after PARTS pivots: the pivots are in the first.
  *   r          S W^T P^-1 W (a - m); each work item has a line of the patches of TURN members in registers
  *   sums       a patch has one cell in each class of cells of the tile that differ by whole patches: work item l adds
  *              the numbers of its class, member by member, so that no two write one cell, and no barrier is between

@@ -1,9 +1,9 @@
 /* The window of a group with the cells of its patches, a tile in local memory, for the kernels of groups on a GPU.
  *
- * Tile cell (z, y, x) is cell (z - WZ, y - WY, x - WX) of the padded plane from the patch of the reference, so the patch
- * of a place of the window begins at the tile cell of the same number. Cells beyond the padded plane are 0. Rows have an
- * even number of cells: work items that read runs of an odd number of cells in neighbouring rows then meet in a bank of
- * local memory at most in twos.
+ * Tile cell (z, y, x) is cell (z - WZ, y - WY, x - WX) of the padded plane from the first cell of the patch of the
+ * reference, so the patch of a place of the window begins at the tile cell of the same number. Cells beyond the padded
+ * plane are 0. Rows have an even number of cells: work items that read runs of an odd number of cells in neighbouring
+ * rows then meet in a bank of local memory at most in twos.
  */
 #ifndef GROUP_TILE_CL
 #define GROUP_TILE_CL
