@@ -3,7 +3,7 @@
 For each group, with N members v, their patches a(v) of f0 and b(v) of the guide, and means over the group:
 
   C = 1/(N - 1) sum_v (b(v) - mean b)(b(v) - mean b)^T,   S = diag(mean over v of the variances of the patch)
-  r(v) = S (C + S)^-1 (a(v) - mean a)
+  r(v) = S (C + S)^-1 (a(v) - mean a);   a(v) - b(v) if trace C > worst min S
   out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
 
 C = 0 if N = 1. Where no patch covers a cell, the result is the guide. (C + S)^-1 is by Gauss-Jordan elimination without
@@ -114,6 +114,21 @@ _ESTIMATE = """
                     store(K + (i + a) * P + q + k * N, sum[a * U + k] * share);
         }
         WP_GPUREG_SYNC();
+        // next to a singular matrix: the patches of the guide
+        T trace = T(0), least = S[0];
+        for (int i = 0; i < M; ++i) {
+            trace += K[i * P + i];
+            least = S[i] < least ? S[i] : least;
+        }
+        if (trace > s.worst * least) {
+            for (int v = 0; v < n; ++v) {
+                const long long at = c * s.plane + centre + s.steps.data[member[v]];
+                for (int j = lane; j < M; j += LANES)
+                    Y[v * P + j] = s.noisy.data[at + s.patch.data[j]] - s.pilot.data[at + s.patch.data[j]];
+            }
+            WP_GPUREG_SYNC();
+            return;
+        }
         for (int i = 1; i < M; ++i)
             for (int j = lane; j < i; j += LANES)
                 K[i * P + j] = K[j * P + i];
@@ -236,6 +251,7 @@ def struct(real):
         pilot: wp.array(dtype=real)  # the guide, likewise
         noise: wp.array(dtype=real)  # a plane of the variance, likewise; empty: `variance`
         variance: real
+        worst: real  # largest trace of C over the least variance
         channels: wp.int32
         plane: wp.int64  # from a channel to the next
         centres: wp.array(dtype=wp.int32)  # (n_references,): the cells of the references in a plane

@@ -17,6 +17,7 @@ from numpy.testing import assert_array_equal
 
 from gpureg.backends import BackendUnavailable
 from gpureg.backends.groups import GroupForm
+from gpureg.backends.numpy import groups as numpy_groups
 from gpureg.graphs.grid import GridGraph
 
 
@@ -146,6 +147,18 @@ def test_the_oracle_is_the_specification(oracle, case):
     assert_close(stepped(case, oracle, groups), values)
 
 
+def test_groups_beside_singular_ones_take_the_guide(oracle, monkeypatch):
+    """With a limit between the ratios of the groups, which are 7 to 25."""
+    case, limit = SMALL[0], 14.0
+    monkeypatch.setattr(numpy_groups, "largest_trace", lambda dtype: limit)
+    (f0,), (guide,) = (as_functions(case, x) for x in case.values)
+    args = literal_groups(case), f0, guide, dict.fromkeys(f0, case.variance), case.shape, case.form.patch
+    found = stepped(case, oracle, groups_of(case, oracle))[:, 0]
+    exact = [paper_groups.group_step(*args, largest) for largest in (limit, np.inf, 0.0)]
+    assert_close(found, [exact[0][u] for u in f0])
+    assert all(np.abs(found - [other[u] for u in f0]).max() > 0.01 for other in exact[1:])
+
+
 def test_the_cases_are_those_they_are_for():
     """Groups of one member, of fewer than `nearest`, of exactly `most`, with ties; pixels outside; none that covers."""
     sizes = [{len(group) for group in literal_groups(case)} for case in SMALL]
@@ -192,8 +205,8 @@ DEVICES = [
     Case((3, 2), PLANE, masked=True),
 ]
 
-# Largest difference from float64 of values of size 2, measured over these cases: 1.9e-7 on numpy and 2.4e-7 on OpenCL in
-# float32, 4.4e-16 in float64. A device may contract, and add and factor in another order: 20 times as much.
+# Largest difference from float64 of values of size 2, measured over these cases: in float32 1.9e-7 on numpy, 2.4e-7 on
+# OpenCL; in float64 4.4e-16. A device may contract, and add and factor in another order: 20 times as much.
 OFF = {"float32": 5e-6, "float64": 1e-14}
 
 
@@ -274,6 +287,18 @@ def test_little_noise(device, oracle, case):
     args = clean + sigma * random[0], clean + sigma / 8 * random[1], sigma**2
     found, exact = (each.get(case.graph, each.group_step(groups_of(case, each), *args)) for each in (backend, oracle))
     assert np.abs(found - exact).max() <= sigma / 100
+
+
+@pytest.mark.one_driver
+@pytest.mark.parametrize("case", [DEVICES[0], DEVICES[3]], ids=lambda case: case.id)
+def test_hardly_any_noise(device, oracle, case):
+    """What cannot be told from a singular matrix: the guide, to a rounding of f0 and of the sum of what is taken off.
+
+    Measured: 1.2e-7 on values of size 2.
+    """
+    backend = grouping(device, case.dtype)
+    found = backend.get(case.graph, backend.group_step(groups_of(case, backend), *case.values, 1e-20))
+    assert np.abs(found - case.values[1]).max() <= OFF[case.dtype]
 
 
 def test_noise_alone_leaves_the_mean(device):

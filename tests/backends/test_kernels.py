@@ -11,7 +11,7 @@ from gpureg import backends, kernels
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile", "triangles"}, {"pack", "lanes"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
 GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
@@ -22,7 +22,7 @@ INCLUDES = {
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
     "patch_groups": ("lattice.cl", "reals.cl"),
-    "group_step": ("lattice.cl", "reals.cl"),
+    "group_step": ("triangles.cl", "lattice.cl", "reals.cl"),
     "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "influence_zones": (),
