@@ -10,6 +10,13 @@
 /* The first reference along an axis at x - radius or after it. */
 #define FIRST(x, radius, step) (max(0, (x) - (radius) + (step) - 1) / (step))
 
+/* Loops over the references (k, j, i) of the range that are at most these radii from the cell (z, y, x). */
+#define REFERENCES_AROUND(rz, ry, rx)                                                                  \
+    for (int k = FIRST(z, rz, steps.z); k < counts.z && REFERENCE(k, z) <= z + (rz); ++k)              \
+        for (int j = max(FIRST(y, ry, steps.y), first / counts.x - k * counts.y);                      \
+             j < counts.y && REFERENCE(j, y) <= y + (ry) && (k * counts.y + j) * counts.x < last; ++j) \
+            for (int i = FIRST(x, rx, steps.x); i < counts.x && REFERENCE(i, x) <= x + (rx); ++i)
+
 __kernel void group_gather(
     LATTICE_ARGS,
     const int4 from, /* the cell of the launch's first work item */
@@ -26,28 +33,25 @@ __kernel void group_gather(
     const int z = from.z + (int)get_global_id(2);
     if (x >= sizes.x) return;
     int count = 0;
-    for (int k = FIRST(z, WZ, steps.z); k < counts.z && REFERENCE(k, z) <= z + WZ; ++k)
-        for (int j = FIRST(y, WY, steps.y); j < counts.y && REFERENCE(j, y) <= y + WY; ++j)
-            for (int i = FIRST(x, WX, steps.x); i < counts.x && REFERENCE(i, x) <= x + WX; ++i) {
-                const int reference = (k * counts.y + j) * counts.x + i;
-                if (reference < first || reference >= last || sizes_of_groups[reference] == 0) continue;
-                const int row = (z - REFERENCE(k, z) + WZ) * (2 * WY + 1) + y - REFERENCE(j, y) + WY;
-                count += marks[(long)(reference - first) * PLACES + row * SIDE + x - REFERENCE(i, x) + WX];
-            }
+    REFERENCES_AROUND(WZ, WY, WX)
+    {
+        const int reference = (k * counts.y + j) * counts.x + i;
+        if (reference < first || reference >= last || sizes_of_groups[reference] == 0) continue;
+        const int row = (z - REFERENCE(k, z) + WZ) * (2 * WY + 1) + y - REFERENCE(j, y) + WY;
+        count += marks[(long)(reference - first) * PLACES + row * SIDE + x - REFERENCE(i, x) + WX];
+    }
     uses[PLACE(z, y, x)] += (real)count;
     for (int c = 0; c < channels; ++c) {
         const long at = PLACE(z + PZ, y + PY, x + PX) + c * plane;
         real sum = sums[at];
-        for (int k = FIRST(z, WZ + PZ, steps.z); k < counts.z && REFERENCE(k, z) <= z + WZ + PZ; ++k)
-            for (int j = FIRST(y, WY + PY, steps.y); j < counts.y && REFERENCE(j, y) <= y + WY + PY; ++j)
-                for (int i = FIRST(x, WX + PX, steps.x); i < counts.x && REFERENCE(i, x) <= x + WX + PX; ++i) {
-                    const int reference = (k * counts.y + j) * counts.x + i;
-                    if (reference < first || reference >= last || sizes_of_groups[reference] == 0) continue;
-                    const int row = (z - REFERENCE(k, z) + WZ + PZ) * TILE_Y + y - REFERENCE(j, y) + WY + PY;
-                    sum += tiles
-                        [((long)(reference - first) * channels + c) * TILE + row * TILE_X + x - REFERENCE(i, x) + WX +
-                         PX];
-                }
+        REFERENCES_AROUND(WZ + PZ, WY + PY, WX + PX)
+        {
+            const int reference = (k * counts.y + j) * counts.x + i;
+            if (reference < first || reference >= last || sizes_of_groups[reference] == 0) continue;
+            const int row = (z - REFERENCE(k, z) + WZ + PZ) * TILE_Y + y - REFERENCE(j, y) + WY + PY;
+            const int cell = row * TILE_X + x - REFERENCE(i, x) + WX + PX;
+            sum += tiles[((long)(reference - first) * channels + c) * TILE + cell];
+        }
         sums[at] = sum;
     }
 }

@@ -26,12 +26,17 @@
 #endif
 #define AS_REAL(x) CONCATENATE(as_, REAL_)(x)
 
+typedef union {
+    ushort of[ITEMS];
+    uint4 packed[ITEMS / 8];
+} item_counts;
+
 /* The sum of the counts of all work items. */
-static inline int sum_of(__local const uint4 *counts)
+static inline int sum_of(__local const item_counts *counts)
 {
     uint4 sum = 0;
 #pragma unroll
-    for (int i = 0; i < ITEMS / 8; ++i) sum += counts[i];
+    for (int i = 0; i < ITEMS / 8; ++i) sum += counts->packed[i];
     const uint both = sum.x + sum.y + sum.z + sum.w;
     return (int)((both & 0xffff) + (both >> 16));
 }
@@ -51,8 +56,7 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void patch_groups(
 {
     /* the last run of a row may extend beyond the tile */
     __local real tile[TILE + SEGMENTS * RUN - SIDE];
-    __local uint4 counts_[ITEMS / 8];
-    __local ushort *found = (__local ushort *)counts_;
+    __local item_counts found;
     const int l = (int)get_local_id(0);
     const int i = (int)get_group_id(0), j = (int)get_group_id(1), k = (int)get_group_id(2);
     const int x = REFERENCE(i, x), y = REFERENCE(j, y), z = REFERENCE(k, z);
@@ -109,9 +113,9 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void patch_groups(
         int own = 0;
 #pragma unroll
         for (int o = 0; o < TURNS * RUN; ++o) own += d[o] <= AS_REAL(bound);
-        found[l] = (ushort)own;
+        found.of[l] = (ushort)own;
         barrier(CLK_LOCAL_MEM_FENCE);
-        const int total = sum_of(counts_);
+        const int total = sum_of(&found);
         barrier(CLK_LOCAL_MEM_FENCE);
         if (total >= nearest) {
             high = bound;
@@ -126,10 +130,10 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void patch_groups(
     int own = 0, rank = 0;
 #pragma unroll
     for (int o = 0; o < TURNS * RUN; ++o) own += d[o] <= least;
-    found[l] = (ushort)own;
+    found.of[l] = (ushort)own;
     barrier(CLK_LOCAL_MEM_FENCE);
-    const int total = sum_of(counts_), share = max(total, MOST);
-    for (int before_l = 0; before_l < l; ++before_l) rank += found[before_l];
+    const int total = sum_of(&found), share = max(total, MOST);
+    for (int before_l = 0; before_l < l; ++before_l) rank += found.of[before_l];
 #pragma unroll
     for (int o = 0; o < TURNS * RUN; ++o) {
         const int run = l * TURNS + o / RUN, place = run / SEGMENTS * SIDE + run % SEGMENTS * RUN + o % RUN;

@@ -79,19 +79,25 @@ def test_little_noise(gpu, oracle):
 
 
 @pytest.mark.one_driver
-def test_ranges_of_references_and_parts_give_the_same_bits(gpu, monkeypatch):
-    """One reference a launch, or five; and a part that begins at a reference, away from where it was cut."""
+@pytest.mark.parametrize("case", [CASES[1], CASES[3]], ids=lambda case: case.id)
+def test_ranges_of_references_give_the_same_bits(gpu, monkeypatch, case):
+    """One reference a launch, or five, which begin anywhere in a row of them."""
     from gpureg.backends.opencl import group_tiles
 
-    case, backend = Case((45, 38), PLANE, maps=True), gpu("float32")
-    begin = (8, 4)  # of references
+    backend = gpu(case.dtype)
+    groups = groups_of(case, backend)
+    whole = stepped(case, backend, groups)
+    tiles = group_tiles.GroupTiles(case.form, 1, backend.dtype.itemsize)
+    for size in (1, 5 * (tiles.itemsize * tiles.numbers + case.form.places)):
+        monkeypatch.setattr(group_tiles, "_TILE_BYTES", size)
+        assert stepped(case, backend, groups).tobytes() == whole.tobytes()
+
+
+@pytest.mark.one_driver
+def test_a_part_has_the_bits_of_the_whole(gpu):
+    """A part that begins at any reference, away from where it was cut: there are no blocks."""
+    case, backend, begin = Case((45, 38), PLANE, maps=True), gpu("float32"), (8, 4)
     whole = stepped(case, backend, groups_of(case, backend)).reshape(case.shape)
-    one = 4 * group_tiles.GroupTiles(PLANE, 1, 4).numbers + PLANE.places
-    for size in (1, 5 * one):
-        with monkeypatch.context() as patched:
-            patched.setattr(group_tiles, "_TILE_BYTES", size)
-            found = stepped(case, backend, groups_of(case, backend)).reshape(case.shape)
-        assert found.tobytes() == whole.tobytes()
     box = tuple(slice(b, None) for b in begin)
     values = (x.reshape(case.shape)[box].reshape(-1, 1) for x in (case.whole, case.level, *case.values, case.variance))
     guide, level, f0, pilot, variance = values
