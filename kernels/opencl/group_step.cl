@@ -14,7 +14,7 @@
  *   C          upper triangle of packs: TILE rows at a time in registers, a sum over the members
  *   (C+S)^-1   by two triangles, Z Z^T (see `factor`), PIVOTS rows at a time
  *   r          TILE members at a time in registers, a sum over the rows of Z, then of Z^T
- * MEAN: the second kernel, one work item a pack of cells: divides the sums.
+ * MEAN: the second kernel, one work item a pack of cells, CELLS of them a group: divides the sums.
  * Arithmetic per group and channel, in packs, P = ceil(M/N) of a patch: about N_u M P (1/2 + 1) + M M P/3 multiply-adds.
  * Traffic per group: the window from the cache, N_u M numbers of sums and counts read and written.
  */
@@ -34,7 +34,10 @@
 #include "triangles.cl"
 
 #ifdef MEAN
-ALONE __kernel void group_step(
+#ifndef CELLS
+#define CELLS 1
+#endif
+__attribute__((reqd_work_group_size(CELLS, 1, 1))) __kernel void group_step(
     LATTICE_ARGS,
     __global const real *f0,    /* `channels` planes */
     __global const real *guide, /* `channels` planes */
@@ -48,6 +51,7 @@ ALONE __kernel void group_step(
 {
     const int x = (int)get_global_id(0) * N, row = (int)get_global_id(1), y = row % sizes.y, z = row / sizes.y;
     const long at = PLACE(z + PZ, y + PY, x + PX), to = out_guard + row * out_pitch + x;
+    if (x >= sizes.x) return;
     realN count = 0;
     for (int line = 0; line < LINES; ++line) {
         const int above = line / (2 * PY + 1), over = line % (2 * PY + 1);

@@ -10,7 +10,7 @@ import paper
 import paper_groups
 import pytest
 from cases import rng
-from checking import as_gpu, on
+from checking import on
 from guards import guarded
 from literal import assert_close
 from numpy.testing import assert_array_equal
@@ -210,9 +210,9 @@ DEVICES = [
 OFF = {"float32": 5e-6, "float64": 1e-14}
 
 
-def grouping(device: str, dtype: str, found: Any = None) -> Any:
+def grouping(device: str, dtype: str) -> Any:
     """The backend of a device between guards; one without these kernels yet skips."""
-    backend = guarded(on(device, dtype) if found is None else found)
+    backend = guarded(on(device, dtype))
     try:
         backend.patch_groups(GridGraph((3, 2)), np.zeros((6, 1)), PLANE)
     except BackendUnavailable as error:
@@ -242,12 +242,6 @@ def check(case: Case, backend: Any, oracle: Any) -> None:
 @pytest.mark.parametrize("case", DEVICES, ids=lambda case: case.id)
 def test_the_device(device, oracle, case):
     check(case, grouping(device, case.dtype), oracle)
-
-
-@pytest.mark.one_driver
-def test_as_a_gpu_takes_it(monkeypatch, device, oracle):
-    case = DEVICES[1]
-    check(case, grouping(device, case.dtype, as_gpu(device, case.dtype, monkeypatch)), oracle)
 
 
 PARTS = [
