@@ -101,8 +101,8 @@ def test_noise_that_is_not_white_stays_with_the_filter():
     report = plan.report
     assert report is not None and not gr.plan_denoising(clean + blurred, sigma=report).passes
     assert len(gr.plan_denoising(clean + blurred, sigma=report, passes=3).passes) == 2
-    for period, says in ((2, "mosaic"), (8, "JPEG")):
-        channel = replace(report.channels[0], correlated=False, period=period)
+    for found, says in (({"period": 2}, "mosaic"), ({"period": 8}, "JPEG"), ({"stripe_rows": 3.0}, "whole rows")):
+        channel = replace(report.channels[0], correlated=False, **found)
         other = replace(report, channels=(channel,))
         assert says in gr.plan_denoising(clean + blurred, sigma=other).reasons["groups"]
 
