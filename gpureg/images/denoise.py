@@ -74,8 +74,8 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     passes : {1, 2, 3}, optional
         How often the image is estimated. 1 is the filter that the other parameters describe. 2 adds a pass that takes
         the filter's result to find groups of similar patches of 7 x 7, and estimates the patches of each group
-        together; 3 adds one with patches of 5 x 5 before it. In a volume 2 is the most. None means 3 (2 in a volume)
-        after one sweep at p = 2 whose weights and lam are chosen by the rule, if the noise is white; otherwise 1.
+        together; 3 adds one with patches of 5 x 5 before it; in a volume 3 x 5 x 5 and 3 x 3 x 3. None means 3 after
+        one sweep at p = 2 whose weights and lam are chosen by the rule, if the noise is white; otherwise 1.
     quality : {"fast", "balanced", "best"}, optional
         How much work None is for `passes`: "fast" is the filter alone; "best" finds groups at more pixels than
         "balanced", which is the default. A number of passes goes with either word.
@@ -127,8 +127,8 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     and their edges agree. With weights by a rule at p = 2, large areas of exactly equal values take no part.
 
     By default the image is estimated three times. First by the filter, one sweep of nonlocal means (eq. 25 of the
-    paper, whose eq. 19 to 31 are the model). Then groups of similar patches are found in the result, for every fourth
-    or sixth pixel along each axis and the last one, and all patches of a group are estimated together: a patch is taken
+    paper, whose eq. 19 to 31 are the model). Then groups of similar patches are found in the result, for every few
+    pixels along each axis and the last one, and all patches of a group are estimated together: a patch is taken
     towards the mean of its group, the more in those directions in which the patches of the result differ less than
     the noise. A pixel is the mean over all patches that cover it. RGB images are turned to brightness and two opponent
     colours for this. Correlated noise, stripes, mosaics and blocks of a JPEG would count as signal: there the filter is

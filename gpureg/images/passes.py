@@ -94,18 +94,10 @@ class PassNoise:
 
 
 def passes_for(quality: Quality, count: int | None, axes: int) -> tuple[PatchPass, ...]:
-    """Return the passes for a word and a number, which counts the filter before them; None means the word's number.
-
-    Raises
-    ------
-    ValueError
-        More passes than there are for images of so many axes.
-    """
+    """Return the passes for a word and a number, which counts the filter before them; None means the word's number."""
     known = _TABLE[axes][_WITH_PASSES[quality]]
     if count is None:
         return () if quality == "fast" else known
-    if count > 1 + len(known):
-        raise ValueError(f"passes must be at most {1 + len(known)} for an image of {axes} axes, got {count}")
     return known[len(known) - (count - 1) :]
 
 

