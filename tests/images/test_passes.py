@@ -62,7 +62,7 @@ WHEN = {
     "searched lam": ({"lam": "sure", "backend": "numpy", "radius": 2}, 1, "only after one sweep at p = 2"),
     "given weights": ({"weights": "patch"}, 1, "only after one sweep at p = 2"),
     "nearest patches": ({"k": 5, "weights": "patch"}, 1, "only after one sweep at p = 2"),
-    "guide": ({"guide": scene((20, 22))}, 1, "only after one sweep at p = 2"),
+    "guide": ({"guide": scene((32, 34))}, 1, "only after one sweep at p = 2"),
     "several sweeps": ({"max_iter": 2}, 1, "only after one sweep at p = 2"),
     "no noise": ({"sigma": 0.0, "weights": "bilateral", "sigma_value": 9.0, "passes": 2}, 1, "no noise"),
 }
@@ -71,7 +71,7 @@ WHEN = {
 @pytest.mark.parametrize("name", WHEN)
 def test_when_there_are_passes(name):
     options, count, why = WHEN[name]
-    plan = gr.plan_denoising(noisy(15.0, (20, 22)), **{"sigma": 15.0, **options})
+    plan = gr.plan_denoising(noisy(15.0, (32, 34)), **{"sigma": 15.0, **options})
     assert 1 + len(plan.passes) == count and why in plan.reasons["groups"]
     assert ("on groups of similar patches" in plan.describe()) == (count > 1)
     (row,) = [line for line in plan.explain().splitlines() if line.startswith("groups")]
@@ -80,7 +80,7 @@ def test_when_there_are_passes(name):
 
 
 def test_the_last_passes_are_those_that_remain():
-    image = noisy(15.0, (20, 22))
+    image = noisy(15.0, (32, 34))
     three = gr.plan_denoising(image, sigma=15.0, passes=3).passes
     assert gr.plan_denoising(image, sigma=15.0, passes=2).passes == three[1:]
     assert [each.patch_radius for each in three] == [(2, 2), (3, 3)]
@@ -90,6 +90,13 @@ def test_the_last_passes_are_those_that_remain():
     assert [len(each.radius) for each in volume.passes] == [3, 3]
     # an axis of length 1 is none
     assert gr.plan_denoising(image[None], sigma=15.0).passes == three
+
+
+def test_small_images_stay_with_the_filter():
+    small = gr.plan_denoising(noisy(15.0, (31, 60)), sigma=15.0)
+    assert not small.passes and "fewer than 32 pixels" in small.reasons["groups"]
+    assert len(gr.plan_denoising(noisy(15.0, (31, 60)), sigma=15.0, quality="balanced").passes) == 2
+    assert len(gr.plan_denoising(noisy(15.0, (12, 12))[None].repeat(4, 0), sigma=15.0).passes) == 2
 
 
 def test_noise_that_is_not_white_stays_with_the_filter():
