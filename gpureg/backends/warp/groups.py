@@ -13,7 +13,7 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import group_step, patch_groups
 from ...kernels.warp.lanes import LANES
-from ..groups import GroupForm, Groups, group_planes
+from ..groups import GroupForm, Groups, group_planes, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
 from .launching import WarpLaunches
@@ -89,6 +89,7 @@ class WarpGroups(WarpLaunches):
             step.noise = self._upload_reals(map_.ravel())
         else:
             step.variance = float(variance)
+        step.worst = largest_trace(self.dtype)
         step.channels, step.plane = m, math.prod(shape)
         step.centres = self._indices(_centres(graph, form.references(graph.shape), form.patch, shape))
         step.steps, step.patch = self._indices(_jumps(form.window, shape)), self._indices(_jumps(form.patch, shape))
@@ -98,8 +99,8 @@ class WarpGroups(WarpLaunches):
         step.pitch = P = -(-form.cells // multiple) * multiple
         step.total = wp.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
         count = wp.zeros(math.prod(shape), dtype=self.real, device=self._on)
-        # two tables of the patches of a group, its matrix, and five rows
-        each = (2 * -(-form.most // 4) * 4 + P + 5) * P * m
+        # two tables of the patches of a group, two of its matrices, and five rows
+        each = (2 * -(-form.most // 4) * 4 + 2 * P + 5) * P * m
         items = np.arange(len(starts)) if whole else starts
         bands = _bands(items, phases, self._band(each))
         most = max(int(items[b] - items[a]) for a, b in bands)
