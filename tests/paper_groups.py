@@ -64,15 +64,28 @@ def covariance(patches: list[np.ndarray]) -> np.ndarray:
     return total / max(len(patches) - 1, 1)
 
 
-def changes(noisy: list[np.ndarray], pilots: list[np.ndarray], variances: list[np.ndarray]) -> list[np.ndarray]:
-    """r of every member of a group, from its patches of f0, of the guide and of the variance."""
+def changes(
+    noisy: list[np.ndarray], pilots: list[np.ndarray], variances: list[np.ndarray], largest: float = np.inf
+) -> list[np.ndarray]:
+    """r of every member of a group, from its patches of f0, of the guide and of the variance.
+
+    `largest` is the ratio of trace C to the least variance above which the guide's patches are taken.
+    """
     C, S = covariance(pilots), np.diag(sum(variances) / len(variances))
+    if np.trace(C) > largest * np.diag(S).min():
+        return [a - b for a, b in zip(noisy, pilots, strict=True)]
     mean = sum(noisy) / len(noisy)
     return [S @ np.linalg.solve(C + S, a - mean) for a in noisy]
 
 
 def group_step(
-    groups: list[list[Pixel]], f0: Function, guide: Function, variance: Function, shape: Pixel, patch: Pixel
+    groups: list[list[Pixel]],
+    f0: Function,
+    guide: Function,
+    variance: Function,
+    shape: Pixel,
+    patch: Pixel,
+    largest: float = np.inf,
 ) -> Function:
     """The step of one channel: f0 minus the mean of r over all patches that cover a pixel, or the guide."""
     found: dict[Pixel, list[float]] = {u: [] for u in f0}
@@ -80,7 +93,7 @@ def group_step(
         if not members:
             continue
         patches = ([patch_at(f, v, shape, patch) for v in members] for f in (f0, guide, variance))
-        for v, r in zip(members, changes(*patches), strict=True):
+        for v, r in zip(members, changes(*patches, largest), strict=True):
             for j, value in zip(cells(patch), r.tolist(), strict=True):
                 at = tuple(a + b for a, b in zip(v, j, strict=True))
                 if at in found:

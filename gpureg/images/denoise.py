@@ -131,8 +131,8 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     or sixth pixel along each axis and the last one, and all patches of a group are estimated together: a patch is taken
     towards the mean of its group, the more in those directions in which the patches of the result differ less than
     the noise. A pixel is the mean over all patches that cover it. RGB images are turned to brightness and two opponent
-    colours for this. Correlated noise, mosaics and blocks of a JPEG would count as signal: there the filter is alone.
-    The second passes take longer than the filter; quality="fast" or passes=1 leaves them out.
+    colours for this. Correlated noise, stripes, mosaics and blocks of a JPEG would count as signal: there the filter is
+    alone. The second passes take longer than the filter; quality="fast" or passes=1 leaves them out.
 
     :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons.
 

@@ -22,11 +22,8 @@ from .raster import Raster
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Squares of numbers up to this size, and sums of many of them, are numbers of float32.
+# Squares of numbers up to this size and down to its reciprocal, and sums of many of them, are numbers of float32.
 LARGEST = 2.0**40
-# The least noise as a share of the spread of the image, in units of the root of the machine epsilon. With less, what is
-# added to a covariance can be less than its rounding errors (measured: the step is off by several sigma).
-_LEAST = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,6 +159,11 @@ class PatchGroups:
         ------
         TypeError, ValueError
             An image or a guide of another shape, or with values that are not real and finite; a sigma that is not > 0.
+
+        Notes
+        -----
+        A group whose signal is too large beside the noise to be told from rounding errors, with trace C > 2e6 min S in
+        float32 (1e15 in float64), takes the patches of the guide.
         """
         graph, device = self._groups.graph, self._device
         raster = Raster.of(image, self._channel_axis, graph.mask, axes_known=True)
@@ -178,8 +180,7 @@ class PatchGroups:
                 f"{pilot.shape[1]}: give a guide that has those of the image"
             )
         frame = Frame.of(noisy)
-        least = _LEAST * float(np.sqrt(np.finfo(device.dtype).eps))
-        variance = np.clip(noise / frame.scale, least, LARGEST) ** 2
+        variance = np.clip(noise / frame.scale, 1 / LARGEST, LARGEST) ** 2
         given = float(variance[0]) if len(variance) == 1 else variance
         f0, compared = (frame.into(values, device.dtype) for values in (noisy, pilot))
         found = device.get(graph, device.group_step(self._groups, f0, compared, given))

@@ -111,7 +111,9 @@ def _not_white(channel: ChannelNoise) -> str | None:
         return "the noise of neighbouring pixels is correlated"
     if channel.period == 2:
         return "every second row or column is alike, as in a mosaic"
-    return "blocks of a JPEG stand out" if channel.period == 8 else None
+    if channel.period == 8:
+        return "blocks of a JPEG stand out"
+    return "whole rows or columns are offset" if channel.stripe_rows or channel.stripe_columns else None
 
 
 def _either(numbers: Sequence[int]) -> str:

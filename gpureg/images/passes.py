@@ -133,19 +133,26 @@ def _each(steps: Sequence[int]) -> str:
     return str(steps[0]) if len(set(steps)) == 1 else "x".join(map(str, steps))
 
 
-def _cubic(axes: int, patch: int, radius: int, step: int, nearest: int) -> PatchPass:
-    return PatchPass((patch,) * axes, (radius,) * axes, (step,) * axes, nearest, 80)
+def _picture(steps: tuple[int, int]) -> tuple[PatchPass, ...]:
+    """Return the passes for pictures."""
+    return (
+        PatchPass((2, 2), (19, 19), (steps[0],) * 2, 25, 64),
+        PatchPass((3, 3), (19, 19), (steps[1],) * 2, 45, 64),
+    )
+
+
+def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...], most: int) -> tuple[PatchPass, ...]:
+    """Return the passes for volumes and series, the same for both: the patches of the second are larger in a plane."""
+    first = PatchPass((1, 1, 1), radius, steps[0], 30, most, 0.2)
+    return first, PatchPass((1, 2, 2), radius, steps[1], 40, most, 0.2)
 
 
 # The passes for each number of axes and each word; the last ones are made if fewer are asked for.
 _TABLE: dict[int, dict[Quality, tuple[PatchPass, ...]]] = {
-    2: {
-        "balanced": (_cubic(2, 2, 19, 4, 30), _cubic(2, 3, 19, 6, 40)),
-        "best": (_cubic(2, 2, 19, 4, 30), _cubic(2, 3, 19, 4, 40)),
-    },
+    2: {"balanced": _picture((4, 6)), "best": _picture((3, 4))},
     3: {
-        "balanced": (_cubic(3, 1, 4, 2, 30),),
-        "best": (_cubic(3, 1, 4, 2, 30),),
+        "balanced": _volume((7, 7, 7), ((3, 3, 3), (3, 4, 4)), 64),
+        "best": _volume((7, 7, 7), ((2, 2, 2), (2, 4, 4)), 80),
     },
 }
 # The numbers of axes with passes.

@@ -41,7 +41,7 @@ def patch_groups(
     ----------
     image : array
         Two or more axes, not counting the channels; for :meth:`PatchGroups.step` an image without much noise, such as
-        the result of :func:`gpureg.denoise_image`.
+        the result of :func:`gpureg.denoise_image` with quality="fast" (by default it takes such steps itself).
     patch_radius : int, default 3
         Patches are squares with a side of 2 patch_radius + 1 pixels; cubes in a volume, where 1 is a good value.
     radius : float, default 19
@@ -76,6 +76,8 @@ def patch_groups(
     ------
     TypeError, ValueError
         An argument out of its range, or values that are not real and finite.
+    BackendUnavailable
+        A backend or device that is not available; OpenCL has at most three axes and 65536 pixels of a window.
     MemoryError
         Groups that need more than `memory`.
 

@@ -3,12 +3,11 @@
 For each group, with N members v, their patches a(v) of f0 and b(v) of the guide, and means over the group:
 
   C = 1/(N - 1) sum_v (b(v) - mean b)(b(v) - mean b)^T,   S = diag(mean over v of the variances of the patch)
-  r(v) = S (C + S)^-1 (a(v) - mean a)      a(v) - b(v) if trace C > worst min S
+  r(v) = S (C + S)^-1 (a(v) - mean a);   a(v) - b(v) if trace C > worst min S
   out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
 
-C = 0 if N = 1. Where no patch covers a cell, the result is the guide. C + S = U^T U (Cholesky), Z = U^-1, and r is
-S Z Z^T (a(v) - mean a), one triangle after the other: the rounding errors of (C + S)^-1 times a patch would have the
-size of cond(C + S) roundings of the patch, those of Z only that of its square root. All is computed in tiles of 4 rows.
+C = 0 if N = 1. Where no patch covers a cell, the result is the guide. C + S = U^T U, Z = U^-1, and
+r = S Z Z^T (a(v) - mean a): see triangles.py.
 
 A block is a box of references, such that blocks with one block between them write no cell in common. So all blocks
 whose indices have the same parities run at once, one set of parities (a phase) after the other, and no sum needs
@@ -29,16 +28,16 @@ import functools
 import warp as wp
 
 from . import lanes as lanes_of
+from . import triangles
 
 # The group of reference r in channel c: r(v) to X; X, Y (n rows) and K, Z (M rows) have a pitch of P numbers.
-# Rows are computed in tiles of 4, also beyond their end, where the numbers are not used.
-_ESTIMATE = """
-    struct One { enum { U = 1 }; };
-    struct Two { enum { U = 2 }; };
+_SIZES = """
     const int M = s.patch.shape[0], P = s.pitch;
+"""
+_ESTIMATE = """
     const size_t square = (size_t)P * P;
     auto estimate = [&](int r, int c, T* X, T* Y, T* K) {
-        // the diagonal of S; the inverses of the blocks of 4 rows on the diagonal of U^T
+        // Z; the diagonal of S; room of `factor`
         T *const Z = K + square, *const S = Z + square, *const F = S + P;
         const int n = s.sizes.data[r];
         const int* member = s.members.data + (size_t)r * s.members.shape[1];
@@ -62,54 +61,6 @@ _ESTIMATE = """
             }
             WP_GPUREG_SYNC();
         };
-        // A tile: 4 rows of two packs that begin at column q; the last one of a row may be one pack
-        const int wide = 2 * N, across = (P / N + 1) / 2;
-        auto packs = [&](int q) -> int { return q + wide <= P ? 2 : 1; };
-        auto add_product = [&](auto width, const T* left, int step, int next, const T* right, int count, V* sum) {
-            constexpr int U = decltype(width)::U;
-            V s0[U], s1[U], s2[U], s3[U];
-            for (int k = 0; k < U; ++k) {
-                s0[k] = sum[k];
-                s1[k] = sum[2 + k];
-                s2[k] = sum[4 + k];
-                s3[k] = sum[6 + k];
-            }
-            for (int l = 0; l < count; ++l) {
-                const T* a = left + l * step;
-                const T a0 = a[0], a1 = a[next], a2 = a[2 * next], a3 = a[3 * next];
-                for (int k = 0; k < U; ++k) {
-                    const V x = load(right + l * P + k * N);
-                    s0[k] += a0 * x;
-                    s1[k] += a1 * x;
-                    s2[k] += a2 * x;
-                    s3[k] += a3 * x;
-                }
-            }
-            for (int k = 0; k < U; ++k) {
-                sum[k] = s0[k];
-                sum[2 + k] = s1[k];
-                sum[4 + k] = s2[k];
-                sum[6 + k] = s3[k];
-            }
-        };
-        // add to row a of a tile the sum over l of left[l step + a next] times row l of `right`
-        auto multiply = [&](int q, const T* left, int step, int next, const T* right, int count, V* sum) {
-            if (packs(q) == 2)
-                add_product(Two(), left, step, next, right + q, count, sum);
-            else
-                add_product(One(), left, step, next, right + q, count, sum);
-        };
-        // row a of a tile = -(the sum over b of factors[a step + b next] times row b of x)
-        auto mix = [&](int q, const T* factors, int step, int next, const V* x, T* to) {
-            for (int a = 0; a < 4; ++a)
-                for (int k = 0; k < packs(q); ++k) {
-                    V row = V{};
-                    for (int b = 0; b < 4; ++b)
-                        row -= factors[a * step + b * next] * x[2 * b + k];
-                    store(to + a * P + q + k * N, row);
-                }
-        };
-
         for (int j = lane; j < M; j += LANES) {
             T mean = s.variance;
             if (s.noise.shape[0] > 0) {
@@ -134,6 +85,7 @@ _ESTIMATE = """
                     store(K + (i + a) * P + q + k * N, sum[2 * a + k] * share);
         }
         WP_GPUREG_SYNC();
+        // next to a singular matrix: the patches of the guide
         T trace = T(0), least = S[0];
         for (int j = 0; j < M; ++j) {
             trace += K[j * P + j];
@@ -149,88 +101,9 @@ _ESTIMATE = """
             return;
         }
         WP_GPUREG_SYNC();
-        // K = U above the blocks on the diagonal
-        for (int k = 0; k < M; k += 4) {
-            T* const rows = K + k * P;
-            const int from = k / wide * wide;
-            // minus what the rows above leave of these
-            for (int q = from + lane * wide; q < P; q += LANES * wide) {
-                V sum[8];
-                for (int a = 0; a < 4; ++a)
-                    for (int p = 0; p < packs(q); ++p)
-                        sum[2 * a + p] = -load(rows + a * P + q + p * N);
-                multiply(q, K + k, P, 1, K, k, sum);
-                for (int a = 0; a < 4; ++a)
-                    for (int p = 0; p < packs(q); ++p)
-                        store(rows + a * P + q + p * N, sum[2 * a + p]);
-            }
-            WP_GPUREG_SYNC();
-            T lower[16], inverse[16];  // of the block; the diagonal of `lower` is inverted
-            for (int i = 0; i < 4; ++i)
-                for (int j = 0; j <= i; ++j) {
-                    T sum = -rows[j * P + k + i];
-                    if (i == j)
-                        sum = k + i < M ? sum + S[k + i] : T(1);
-                    for (int l = 0; l < j; ++l)
-                        sum -= lower[4 * i + l] * lower[4 * j + l];
-                    lower[4 * i + j] = i == j ? T(1) / sqrt(sum) : sum * lower[5 * j];
-                }
-            for (int j = 0; j < 4; ++j)
-                for (int i = 0; i < 4; ++i) {
-                    T sum = i == j ? T(1) : T(0);
-                    for (int l = j; l < i; ++l)
-                        sum -= lower[4 * i + l] * inverse[4 * l + j];
-                    inverse[4 * i + j] = i < j ? T(0) : sum * lower[5 * i];
-                }
-            for (int i = lane; i < 16; i += LANES)
-                F[4 * k + i] = inverse[i];
-            WP_GPUREG_SYNC();
-            for (int q = from + lane * wide; q < P; q += LANES * wide) {
-                V x[8];
-                for (int a = 0; a < 4; ++a)
-                    for (int p = 0; p < packs(q); ++p)
-                        x[2 * a + p] = load(rows + a * P + q + p * N);
-                mix(q, inverse, 4, 1, x, rows);
-            }
-            WP_GPUREG_SYNC();
-        }
-        // Z, from the last rows, with zeros left of the diagonal in a tile
-        for (int k = (M - 1) / 4 * 4; k >= 0; k -= 4) {
-            const int last = (M + 3) / 4 * 4;
-            for (int q = k / wide * wide + lane * wide; q < P; q += LANES * wide) {
-                V sum[8] = {};
-                const int end = q + wide < last ? q + wide : last;
-                multiply(q, K + k * P + k + 4, 1, P, Z + (k + 4) * P, end - (k + 4), sum);
-                mix(q, F + 4 * k, 1, 4, sum, Z + k * P);
-                for (int j = q > k ? q : k; j < k + 4 && j < q + wide; ++j)
-                    for (int a = 0; a < 4; ++a)
-                        Z[(k + a) * P + j] = F[4 * k + 4 * (j - k) + a];
-            }
-            WP_GPUREG_SYNC();
-        }
-        // K = Z^T, with zeros right of the diagonal in a tile
-        for (int i = 0; i < M; ++i)
-            for (int j = lane; j < P && j < i / wide * wide + wide; j += LANES)
-                K[i * P + j] = Z[j * P + i];
+        factor(K, Z, S, F);
         centred(s.noisy.data + c * s.plane);
-        for (int job = lane; job < (n + 3) / 4 * across; job += LANES) {
-            const int v = job / across * 4, q = job % across * wide;
-            V sum[8] = {};
-            multiply(q, X + v * P, 1, P, Z, q + wide < M ? q + wide : M, sum);
-            for (int a = 0; a < 4; ++a)
-                for (int k = 0; k < packs(q); ++k)
-                    store(Y + (v + a) * P + q + k * N, sum[2 * a + k]);
-        }
-        WP_GPUREG_SYNC();
-        for (int job = lane; job < (n + 3) / 4 * across; job += LANES) {
-            const int v = job / across * 4, q = job % across * wide;
-            V sum[8] = {};
-            multiply(q, Y + v * P + q, 1, P, K + q * P, M - q, sum);
-            for (int a = 0; a < 4 && v + a < n; ++a)
-                for (int k = 0; k < packs(q); ++k)
-                    store(X + (v + a) * P + q + k * N, sum[2 * a + k] * load(S + q + k * N));
-        }
-        WP_GPUREG_SYNC();
+        solve(X, n, Y, K, Z, S);
     };
 """
 _ADD = """
@@ -287,7 +160,7 @@ def struct(real):
         pilot: wp.array(dtype=real)  # the guide, likewise
         noise: wp.array(dtype=real)  # a plane of the variance, likewise; empty: `variance`
         variance: real
-        worst: real  # largest trace of C over the least variance of a patch
+        worst: real  # largest trace of C over the least variance
         channels: wp.int32
         plane: wp.int64  # from a channel to the next
         centres: wp.array(dtype=wp.int32)  # (n_references,): the cells of the references in a plane
@@ -329,8 +202,8 @@ def _make(real, N, lanes, body):
 def make(real, N, lanes, whole):
     """Make `estimate`; `whole`: a work item is a block of groups, and adds what it computes."""
     if whole:
-        return _make(real, N, lanes, _ESTIMATE + _ADD + _SCRATCH + _BLOCK)
-    return _make(real, N, lanes, _ESTIMATE + _SCRATCH + _GROUP)
+        return _make(real, N, lanes, _SIZES + triangles.SOURCE + _ESTIMATE + _ADD + _SCRATCH + _BLOCK)
+    return _make(real, N, lanes, _SIZES + triangles.SOURCE + _ESTIMATE + _SCRATCH + _GROUP)
 
 
 @functools.cache

@@ -9,9 +9,11 @@ import pytest
 from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
-PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox"}
+PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles"}
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile"}, {"pack", "lanes"}
+# The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
@@ -20,7 +22,7 @@ INCLUDES = {
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
     "patch_groups": ("lattice.cl", "reals.cl"),
-    "group_step": ("lattice.cl", "reals.cl"),
+    "group_step": ("triangles.cl", "lattice.cl", "reals.cl"),
     "dual_step": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "influence_zones": (),
@@ -31,7 +33,7 @@ KERNELS = {"dot": "dot_product"}
 PRIMITIVES = sorted(
     path.stem
     for path in (kernels.folder / "opencl").glob("*.cl")
-    if path.stem not in PARTS | OPENCL_PARTS | FUSED | FUSED_PARTS
+    if path.stem not in PARTS | OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
 )
 
 
@@ -65,8 +67,15 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
 def test_the_languages_have_the_same_files():
     opencl = {path.stem for path in (kernels.folder / "opencl").glob("*.cl")}
     warp = {path.stem for path in (kernels.folder / "warp").glob("*.py")} - {"__init__"}
-    assert opencl - OPENCL_PARTS - FUSED - FUSED_PARTS == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
-    assert warp >= WARP_PARTS and opencl >= OPENCL_PARTS | FUSED | FUSED_PARTS
+    own = OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
+    assert opencl - own == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
+    assert warp >= WARP_PARTS and opencl >= own
+
+
+@pytest.mark.parametrize("stem", sorted(GPU | OPENCL_PARTS))
+def test_files_of_one_language_open_with_a_comment(stem):
+    opencl = (kernels.folder / "opencl" / f"{stem}.cl").read_text("utf-8")
+    assert len(opencl[opencl.index("/*") : opencl.index("*/")]) > 80
 
 
 @pytest.mark.parametrize("stem", sorted(PARTS | set(PRIMITIVES)))

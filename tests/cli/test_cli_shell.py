@@ -52,8 +52,12 @@ def _needs_plot() -> None:
     pytest.importorskip("skimage", reason="scikit-image, of the extra 'plot', is not installed")
 
 
-def test_demo(tmp_path):
+def test_demo(tmp_path, monkeypatch):
     _needs_plot()
+    from skimage import data
+
+    part = data.camera()[128:256, 160:288]
+    monkeypatch.setattr(data, "camera", lambda: part)  # numpy is slow
     out = done(call("demo", tmp_path / "demo.png", "--backend", "numpy"))
     assert [line.split()[0] for line in out.splitlines()] == ["noise", "filter", "done", "picture"]
     psnr = re.search(r"PSNR ([\d.]+) -> ([\d.]+) dB", out)

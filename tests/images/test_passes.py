@@ -87,7 +87,7 @@ def test_the_last_passes_are_those_that_remain():
     best = gr.plan_denoising(image, sigma=15.0, quality="best").passes
     assert sum(map(sum, (each.step for each in best))) < sum(map(sum, (each.step for each in three)))
     volume = gr.plan_denoising(np.stack([image] * 4), sigma=15.0)
-    assert [len(each.radius) for each in volume.passes] == [3]
+    assert [len(each.radius) for each in volume.passes] == [3, 3]
     # an axis of length 1 is none
     assert gr.plan_denoising(image[None], sigma=15.0).passes == three
 
@@ -101,8 +101,8 @@ def test_noise_that_is_not_white_stays_with_the_filter():
     report = plan.report
     assert report is not None and not gr.plan_denoising(clean + blurred, sigma=report).passes
     assert len(gr.plan_denoising(clean + blurred, sigma=report, passes=3).passes) == 2
-    for period, says in ((2, "mosaic"), (8, "JPEG")):
-        channel = replace(report.channels[0], correlated=False, period=period)
+    for found, says in (({"period": 2}, "mosaic"), ({"period": 8}, "JPEG"), ({"stripe_rows": 3.0}, "whole rows")):
+        channel = replace(report.channels[0], correlated=False, **found)
         other = replace(report, channels=(channel,))
         assert says in gr.plan_denoising(clean + blurred, sigma=other).reasons["groups"]
 

@@ -45,9 +45,9 @@ def members_of(groups):
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_a_pilot_becomes_better(dtype):
-    """Measured: 0.094 of noise, 0.0249 after the default, 0.0227 after the step; at least half of this gain."""
+    """Measured: 0.094 of noise, 0.0249 after one filter, 0.0227 after the step; at least half of this gain."""
     clean, noisy = blocks()
-    pilot = gr.denoise_image(noisy, sigma=0.1, **HOST)
+    pilot = gr.denoise_image(noisy, sigma=0.1, quality="fast", **HOST)
     groups = gr.patch_groups(pilot, patch_radius=2, radius=9, flat=0.015**2, dtype=dtype, **HOST)
     result = groups.step(noisy, 0.1)
     assert np.std(result - clean) < 0.95 * np.std(pilot - clean) < 0.3 * np.std(noisy - clean)

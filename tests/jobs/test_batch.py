@@ -21,6 +21,8 @@ from gpureg.jobs import batch
 from gpureg.jobs.batch import expand, is_pattern, targets_in
 from gpureg.jobs.denoise_settings import Settings, rehearse
 
+HOST = ("--backend", "numpy", "--quality", "fast")
+
 
 @pytest.fixture
 def raw(tmp_path, monkeypatch) -> Path:
@@ -39,7 +41,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def is_denoised(source: Path, target: Path) -> bool:
-    want = gpureg.denoise_image(read_picture(source).pixels, backend="numpy")
+    want = gpureg.denoise_image(read_picture(source).pixels, backend="numpy", quality="fast")
     return np.array_equal(read_picture(target).pixels, want)
 
 
@@ -194,7 +196,7 @@ def with_broken(raw) -> Path:
 
 
 def test_a_broken_file_stops_nobody(with_broken):
-    got = process("denoise", "raw/*", "out", "--backend", "numpy", cwd=with_broken.parent)
+    got = process("denoise", "raw/*", "out", *HOST, cwd=with_broken.parent)
     assert got.returncode == 1
     lines = got.stderr.splitlines()
     assert lines[0] == "gpureg: 2 of 4 files failed:"
@@ -207,7 +209,7 @@ def test_a_broken_file_stops_nobody(with_broken):
 
 
 def test_a_broken_file_in_json(with_broken):
-    got = process("denoise", "raw/*", "out", "--backend", "numpy", "--json", cwd=with_broken.parent)
+    got = process("denoise", "raw/*", "out", *HOST, "--json", cwd=with_broken.parent)
     assert got.returncode == 1 and got.stderr.startswith("gpureg: 2 of 4 files failed:")
     outcome = json.loads(got.stdout)
     assert [report["input"] for report in outcome["files"]] == ["raw/a.png", "raw/c.tif"]
@@ -224,9 +226,9 @@ def test_a_missing_file_is_a_failure_of_its_own(raw):
 
 
 def test_quiet_tells_failures_alone(with_broken):
-    got = process("denoise", "raw/*", "out", "--backend", "numpy", "--quiet", cwd=with_broken.parent)
+    got = process("denoise", "raw/*", "out", *HOST, "--quiet", cwd=with_broken.parent)
     assert (got.returncode, got.stdout) == (1, "") and "2 of 4 files failed" in got.stderr
-    fine = process("denoise", "raw/a.png", "raw/c.tif", "out", "--backend", "numpy", "--quiet", cwd=with_broken.parent)
+    fine = process("denoise", "raw/a.png", "raw/c.tif", "out", *HOST, "--quiet", cwd=with_broken.parent)
     assert (fine.returncode, fine.stdout, fine.stderr) == (0, "", "")
 
 
@@ -282,16 +284,19 @@ def test_plans_of_many_carry_their_names(raw):
     assert [line for line in out if line.startswith("raw")] == ["raw/a.png", "raw/b.png", "raw/c.tif"]
     expected = []
     for name in ("raw/a.png", "raw/b.png", "raw/c.tif"):
-        expected += [name, *gpureg.plan_denoising(read_picture(Path(name)).pixels).explain().splitlines()]
+        expected += [
+            name,
+            *gpureg.plan_denoising(read_picture(Path(name)).pixels, quality="fast").explain().splitlines(),
+        ]
     assert out[out.index("raw/a.png") : -1] == expected
     assert out[-1].startswith("done")
 
 
 def test_one_bar_over_the_files(raw):
     """On the error stream, gone at the end, and nothing of it in the report."""
-    got = process("denoise", "raw/*", "out", "--backend", "numpy", "--progress", "--json", cwd=raw.parent)
+    got = process("denoise", "raw/*", "out", *HOST, "--progress", "--json", cwd=raw.parent)
     assert got.returncode == 0 and len(json.loads(got.stdout)["files"]) == 3
-    arguments = ("denoise", "raw/*", "out", "--backend", "numpy")
+    arguments = ("denoise", "raw/*", "out", *HOST)
     code, shown, out = on_terminal(*arguments, cwd=raw.parent, stdout=subprocess.PIPE)
     assert code == 0 and out.startswith(b"done     3 of 3 files")
     assert b"files" in shown and b"3/3" in shown and b"iterations" not in shown
@@ -320,7 +325,7 @@ def test_interrupt_in_the_middle(raw):
         "batch.denoise_file = told\n"
         "cli.main(sys.argv[1:], prog_name='gpureg')"
     )
-    options = ["--backend", "numpy", "--p", "1", "--max-iter", "100000", "--tol", "0", "--lam", "0.1"]
+    options = [*HOST, "--p", "1", "--max-iter", "100000", "--tol", "0", "--lam", "0.1"]
     small = Picture(np.full((3, 3), 7, np.uint8))
     for name in ("a.png", "c.tif"):
         write_picture(raw / name, small)

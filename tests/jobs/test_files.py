@@ -46,7 +46,7 @@ def test_mask_is_that_of_the_door(tmp_path, noisy, value):
     assert (got["mask"], got["outside_mask"], "nan" in got) == (str(path), 16 * 64, False)
     before = read_picture(noisy).pixels
     after = read_picture(tmp_path / "o.png").pixels
-    np.testing.assert_array_equal(after, gpureg.denoise_image(before, mask=inside, backend="numpy"))
+    np.testing.assert_array_equal(after, gpureg.denoise_image(before, mask=inside, backend="numpy", quality="fast"))
     np.testing.assert_array_equal(after[:16], before[:16])
     assert "left out 1024 pixel(s) outside the mask\n" in done(denoise(noisy, tmp_path / "o.png", "--mask", path))
 
@@ -69,7 +69,7 @@ def test_nan_is_left_out(tmp_path, layout):
     assert got["nan"] == (13 if layout == "rgb" else 12)
     missing = np.isnan(pixels) if layout == "grey" else np.isnan(pixels).any(axis=2)
     axis = None if layout == "grey" else 2
-    want = gpureg.denoise_image(pixels, mask=~missing, channel_axis=axis, backend="numpy")
+    want = gpureg.denoise_image(pixels, mask=~missing, channel_axis=axis, backend="numpy", quality="fast")
     after = tifffile.imread(tmp_path / "o.tif")
     np.testing.assert_array_equal(after, want)
     np.testing.assert_array_equal(np.isnan(after), np.isnan(pixels))
@@ -94,7 +94,7 @@ def test_a_slice_that_is_all_nan_comes_back(tmp_path):
     got = report(tmp_path / "in.tif", tmp_path / "o.tif", "--each", "T")
     assert (got["nan"], len(got["slices"])) == (400, 2)
     after = tifffile.imread(tmp_path / "o.tif")
-    np.testing.assert_array_equal(after[2], gpureg.denoise_image(pixels[2], backend="numpy"))
+    np.testing.assert_array_equal(after[2], gpureg.denoise_image(pixels[2], backend="numpy", quality="fast"))
     assert np.isnan(after[1]).all()
 
 
@@ -130,9 +130,9 @@ def test_guide_is_that_of_the_door(tmp_path, noisy, weights, layout):
     got = report(noisy, tmp_path / "o.png", *weights, "--guide", tmp_path / "guide.png")
     assert got["guide"] == str(tmp_path / "guide.png")
     how = {"weights": gpureg.weights.bilateral(3, 60)} if weights else {}
-    want = gpureg.denoise_image(read_picture(noisy).pixels, guide=guide, backend="numpy", **how)
+    want = gpureg.denoise_image(read_picture(noisy).pixels, guide=guide, backend="numpy", quality="fast", **how)
     np.testing.assert_array_equal(read_picture(tmp_path / "o.png").pixels, want)
-    assert (want != gpureg.denoise_image(read_picture(noisy).pixels, backend="numpy", **how)).any()
+    assert (want != gpureg.denoise_image(read_picture(noisy).pixels, backend="numpy", quality="fast", **how)).any()
     out = done(denoise(noisy, tmp_path / "o.png", *weights, "--guide", tmp_path / "guide.png"))
     assert f"; guided by {tmp_path / 'guide.png'}\n" in out
 
@@ -288,14 +288,14 @@ def test_explain_comes_first(tmp_path, noisy):
     explained = done(denoise(noisy, tmp_path / "o.png", "--explain")).splitlines()
     assert [line.split()[0] for line in explained[-3:]] == ["noise", "filter", "done"]
     assert explained[-3:-1] == plain[:2]
-    assert explained[:-3] == gpureg.plan_denoising(read_picture(noisy).pixels).explain().splitlines()
+    assert explained[:-3] == gpureg.plan_denoising(read_picture(noisy).pixels, quality="fast").explain().splitlines()
 
 
 def test_explain_in_json(tmp_path, noisy):
     """The plan is told on the error stream too, before the run and out of the way of the JSON."""
     result = denoise(noisy, tmp_path / "o.png", "--explain", "--json")
     done(result)
-    plan = gpureg.plan_denoising(read_picture(noisy).pixels).explain()
+    plan = gpureg.plan_denoising(read_picture(noisy).pixels, quality="fast").explain()
     assert json.loads(result.stdout)["explain"] == plan.splitlines()
     assert result.stderr == plan + "\n"
     assert "explain" not in report(noisy, tmp_path / "o.png")
@@ -334,11 +334,11 @@ def test_explain_tells_what_the_command_chose(tmp_path, noisy, options, rows):
 @pytest.mark.parametrize("columns", [80, 120])
 def test_explain_on_a_terminal(tmp_path, noisy, columns):
     """No line is wider than the terminal; what is broken goes on under its column, and no word is lost."""
-    options = ("--backend", "numpy", "--explain", "--no-progress")
+    options = ("--backend", "numpy", "--quality", "fast", "--explain", "--no-progress")
     code, shown, _ = on_terminal("denoise", "noisy.png", "o.png", *options, columns=columns, cwd=tmp_path)
     assert code == 0
     lines = shown.decode().splitlines()
-    wanted = gpureg.plan_denoising(read_picture(noisy).pixels).explain()
+    wanted = gpureg.plan_denoising(read_picture(noisy).pixels, quality="fast").explain()
     table = lines[: next(i for i, line in enumerate(lines) if line.startswith("noise    s"))]
     assert max(map(len, lines)) < columns
     assert " ".join(table).split() == wanted.split()

@@ -17,6 +17,7 @@ from ..groups import GroupForm, Groups, group_planes, largest_trace
 from ..types import Array, BackendUnavailable
 from .buffers import Function
 from .geometry import GridGeometry, round_up
+from .group_tiles import GroupTiles
 from .launching import OpenCLLaunches
 
 _AXES = 3
@@ -24,6 +25,8 @@ _AXES = 3
 _LANES = 8
 # Places of a window that fit the type of members on the device.
 _PLACES = 1 << 16
+# Work items of a group on a GPU, cells of a row, where sums are added and divided.
+_CELLS = 64
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,11 @@ class _Lattice:
 
 
 class OpenCLGroups(OpenCLLaunches):
-    """Groups of patches: the search and the step are one kernel each."""
+    """Groups of patches: the search and the step are one kernel each, on a GPU one work group a reference.
+
+    Forms that have no room in the local memory of a GPU use the kernels of a CPU there, one work item a reference or a
+    block of them, whose private arrays a GPU has in its slow memory.
+    """
 
     def _lattice(self, graph: GridGraph, form: GroupForm) -> _Lattice:
         if graph.ndim > _AXES or form.places > _PLACES:
@@ -132,12 +139,27 @@ class OpenCLGroups(OpenCLLaunches):
             members,
             sizes,
         ]
-        self._on_lattice("patch_groups", lattice.options(), args, lattice.along(counts, 1))
+        tiles, size = GroupTiles(form, channels, self.dtype.itemsize), lattice.along(counts, 1)
+        if self.device.kind == "gpu" and tiles.fits_search(*self._room):
+            self._on_lattice("patch_groups_gpu", lattice.options(), args, size, tiles.search_items)
+        else:
+            self._on_lattice("patch_groups", lattice.options(), args, size)
         return Groups(graph, form, members, sizes)
 
-    def _on_lattice(self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, ...]) -> None:
+    @property
+    def _room(self) -> tuple[int, int]:
+        """Bytes of local memory, and work items of a group."""
+        handle = self.device.handle
+        return int(handle.local_mem_size), int(handle.max_work_group_size)
+
+    def _on_lattice(
+        self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, ...], items: int = 1
+    ) -> None:
+        """Run a kernel with `items` work items in each of the groups along the axes of `size`."""
+        local = (items, *(1,) * (len(size) - 1))
+        size = (size[0] * items, *size[1:])
         with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, (1,) * len(size), *args)
+            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         count = math.prod(groups.form.counts(groups.graph.shape))
@@ -157,8 +179,6 @@ class OpenCLGroups(OpenCLLaunches):
         if mapped:
             variances = self.upload(lattice.planes(np.asarray(variance).reshape(-1, 1), self.dtype))
         sums, counts = self._zeros(lattice.size(channels)), self._zeros(lattice.size(1))
-        block = lattice.along(form.block, 1)
-        blocks = [-(-size // side) for size, side in zip(lattice.along(graph.shape, 1), block, strict=True)]
         of_groups = [
             noisy,
             pilot,
@@ -168,9 +188,25 @@ class OpenCLGroups(OpenCLLaunches):
             self.real(largest_trace(self.dtype)),
             groups.members,
             groups.sizes,
-            sums,
-            counts,
         ]
+        tiles = GroupTiles(form, channels, self.dtype.itemsize)
+        if self.device.kind == "gpu" and tiles.fits_step(*self._room):
+            self._add_tiles(lattice, tiles, of_groups, sums, counts)
+        else:
+            self._add_blocks(lattice, channels, [*of_groups, sums, counts])
+        out = self.empty(graph, channels)
+        layout = [np.int64(geometry.pitch), np.int64(geometry.plane), np.int64(geometry.guard)]
+        args = [*lattice.args(channels), noisy, pilot, sums, counts, *layout, out.buffer]
+        cells = _CELLS if self.device.kind == "gpu" else 1
+        size = (-(-graph.shape[-1] // (lattice.lanes * cells)), math.prod(graph.shape[:-1]))
+        self._on_lattice("group_step", (*lattice.options(), "-DMEAN", f"-DCELLS={cells}"), args, size, cells)
+        return Function(out.buffer, channels)
+
+    def _add_blocks(self, lattice: _Lattice, channels: int, of_groups: list[Any]) -> None:
+        """Add the changes of all groups, a block of references per work item."""
+        graph, form = lattice.graph, lattice.form
+        block = lattice.along(form.block, 1)
+        blocks = [-(-size // side) for size, side in zip(lattice.along(graph.shape, 1), block, strict=True)]
         # a line of a patch is added in packs of 4, 8 or 16, where that does not reach another block
         gap = block[0] - 2 * (form.window[-1] + form.patch[-1])
         wide = next(pack for pack in (4, 8, 16, _PLACES) if pack >= 2 * form.patch[-1] + 1)
@@ -180,12 +216,25 @@ class OpenCLGroups(OpenCLLaunches):
             size = tuple((number - start + 1) // 2 for number, start in zip(blocks, first, strict=True))
             args = [*lattice.args(channels), _int4(first), _int4(block), *of_groups]
             self._on_lattice("group_step", options, args, size)
-        out = self.empty(graph, channels)
-        layout = [np.int64(geometry.pitch), np.int64(geometry.plane), np.int64(geometry.guard)]
-        args = [*lattice.args(channels), noisy, pilot, sums, counts, *layout, out.buffer]
-        size = (-(-graph.shape[-1] // lattice.lanes), math.prod(graph.shape[:-1]))
-        self._on_lattice("group_step", (*lattice.options(), "-DMEAN"), args, size)
-        return Function(out.buffer, channels)
+
+    def _add_tiles(
+        self, lattice: _Lattice, tiles: GroupTiles, of_groups: list[Any], sums: cl.Buffer, counts: cl.Buffer
+    ) -> None:
+        """Add the changes of all groups, a work group per reference, which has the sums in a tile of its own."""
+        shape, form = lattice.graph.shape, lattice.form
+        lattice_args = lattice.args(tiles.channels)
+        at_once = tiles.at_once(math.prod(form.counts(shape)))
+        scratch, marks = self._scratch(at_once * tiles.numbers), self._allocate(at_once * form.places)
+        for first, last, cells in tiles.ranges(shape):
+            args = [*lattice_args, np.int32(first), *of_groups, scratch, marks]
+            self._on_lattice("group_step_gpu", lattice.options(), args, (last - first,), tiles.step_items)
+            begin, size = (
+                lattice.along(tuple(values), beyond)
+                for values, beyond in (([x.start for x in cells], 0), ([len(x) for x in cells], 1))
+            )
+            args = [*lattice_args, _int4(begin), np.int32(first), np.int32(last)]
+            args += [scratch, marks, of_groups[-1], sums, counts]
+            self._on_lattice("group_gather", lattice.options(), args, (-(-size[0] // _CELLS), *size[1:]), _CELLS)
 
 
 def _int4(values: tuple[int, ...]) -> Any:
