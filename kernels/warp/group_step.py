@@ -6,9 +6,8 @@ For each group, with N members v, their patches a(v) of f0 and b(v) of the guide
   r(v) = S (C + S)^-1 (a(v) - mean a);   a(v) - b(v) if trace C > worst min S
   out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
 
-C = 0 if N = 1. Where no patch covers a cell, the result is the guide. (C + S)^-1 is by Gauss-Jordan elimination without
-exchanges: the matrix is positive definite, and pivot k is at least S_kk, as C is semidefinite, which is enforced
-against rounding.
+C = 0 if N = 1. Where no patch covers a cell, the result is the guide. C + S = U^T U, Z = U^-1, and
+r = S Z Z^T (a(v) - mean a): see triangles.py.
 
 A block is a box of references, such that blocks with one block between them write no cell in common. So all blocks
 whose indices have the same parities run at once, one set of parities (a phase) after the other, and no sum needs
@@ -21,7 +20,7 @@ its r in scratch memory, and one work item of `add` adds those of a block.
 Traffic per group of n members with patches of M cells, and per channel: reads 2 n M values and writes n M sums, and in
 its scratch memory, which fits the cache of a core, reads and writes about n M + M^2 numbers a few times; on a GPU it
 also writes and reads n M numbers in memory. `average` reads 3 m + 1 numbers per vertex and writes m.
-Arithmetic per group and channel: n M^2 for C, 2 M^3 for the inverse, 2 n M^2 for r.
+Arithmetic per group and channel: n M^2 for C, M^3/3 for U and as much for Z, 2 n M^2 for r.
 """
 
 import functools
@@ -29,16 +28,18 @@ import functools
 import warp as wp
 
 from . import lanes as lanes_of
+from . import triangles
 
-# The group of reference r in channel c: r(v) to Y; X, Y (n rows) and K (M rows) have a pitch of P numbers.
-# Rows are computed in tiles of 4, also beyond their end, where the numbers are not used.
-_ESTIMATE = """
-    struct One { enum { U = 1 }; };
-    struct Two { enum { U = 2 }; };
+# The group of reference r in channel c: r(v) to X; X, Y (n rows) and K, Z (M rows) have a pitch of P numbers.
+_SIZES = """
     const int M = s.patch.shape[0], P = s.pitch;
+"""
+_ESTIMATE = """
+    const size_t square = (size_t)P * P;
     auto estimate = [&](int r, int c, T* X, T* Y, T* K) {
-        T *const S = K + (size_t)s.pitch * s.pitch, *const F = S + s.pitch;  // the diagonal of S; 4 columns of K
-        const int n = s.sizes.data[r], rows = (n + 3) / 4;
+        // Z; the diagonal of S; room of `factor`
+        T *const Z = K + square, *const S = Z + square, *const F = S + P;
+        const int n = s.sizes.data[r];
         const int* member = s.members.data + (size_t)r * s.members.shape[1];
         const long long centre = s.centres.data[r];
 
@@ -60,32 +61,6 @@ _ESTIMATE = """
             }
             WP_GPUREG_SYNC();
         };
-        // 4 rows and U packs of a product: sums over l of left[l step + a across] right[l P + q]
-        auto tile = [&](auto width, const T* left, int step, int across, const T* right, int count, V* sum) {
-            constexpr int U = decltype(width)::U;
-            V s0[U], s1[U], s2[U], s3[U];
-            for (int k = 0; k < U; ++k)
-                s0[k] = s1[k] = s2[k] = s3[k] = V{};
-            for (int l = 0; l < count; ++l) {
-                const T* a = left + l * step;
-                const T a0 = a[0], a1 = a[across], a2 = a[2 * across], a3 = a[3 * across];
-                for (int k = 0; k < U; ++k) {
-                    const V x = load(right + l * P + k * N);
-                    s0[k] += a0 * x;
-                    s1[k] += a1 * x;
-                    s2[k] += a2 * x;
-                    s3[k] += a3 * x;
-                }
-            }
-            for (int k = 0; k < U; ++k) {
-                sum[k] = s0[k];
-                sum[U + k] = s1[k];
-                sum[2 * U + k] = s2[k];
-                sum[3 * U + k] = s3[k];
-            }
-        };
-        const int pairs = (P / N + 1) / 2;  // of packs in a row; the last one may be one pack
-
         for (int j = lane; j < M; j += LANES) {
             T mean = s.variance;
             if (s.noise.shape[0] > 0) {
@@ -97,114 +72,48 @@ _ESTIMATE = """
             S[j] = mean;
         }
         centred(s.pilot.data + c * s.plane);
-        // the half of C on and above the diagonal, then the other half
+        // K = C, on and above the diagonal
         const T share = T(1) / T(n > 2 ? n - 1 : 1);
-        for (int job = lane; job < (M + 3) / 4 * pairs; job += LANES) {
-            const int i = job / pairs * 4, q = job % pairs * 2 * N;
-            if (q + 2 * N <= i)
+        for (int job = lane; job < (M + 3) / 4 * across; job += LANES) {
+            const int i = job / across * 4, q = job % across * wide;
+            if (q + wide <= i)
                 continue;
-            V sum[8];
-            const int U = q + 2 * N <= P ? 2 : 1;
-            if (U == 2)
-                tile(Two(), X + i, P, 1, X + q, n, sum);
-            else
-                tile(One(), X + i, P, 1, X + q, n, sum);
+            V sum[8] = {};
+            multiply(q, X + i, P, 1, X, n, sum);
             for (int a = 0; a < 4; ++a)
-                for (int k = 0; k < U; ++k)
-                    store(K + (i + a) * P + q + k * N, sum[a * U + k] * share);
+                for (int k = 0; k < packs(q); ++k)
+                    store(K + (i + a) * P + q + k * N, sum[2 * a + k] * share);
         }
         WP_GPUREG_SYNC();
         // next to a singular matrix: the patches of the guide
         T trace = T(0), least = S[0];
-        for (int i = 0; i < M; ++i) {
-            trace += K[i * P + i];
-            least = S[i] < least ? S[i] : least;
+        for (int j = 0; j < M; ++j) {
+            trace += K[j * P + j];
+            least = S[j] < least ? S[j] : least;
         }
         if (trace > s.worst * least) {
             for (int v = 0; v < n; ++v) {
                 const long long at = c * s.plane + centre + s.steps.data[member[v]];
                 for (int j = lane; j < M; j += LANES)
-                    Y[v * P + j] = s.noisy.data[at + s.patch.data[j]] - s.pilot.data[at + s.patch.data[j]];
+                    X[v * P + j] = s.noisy.data[at + s.patch.data[j]] - s.pilot.data[at + s.patch.data[j]];
             }
             WP_GPUREG_SYNC();
             return;
         }
-        for (int i = 1; i < M; ++i)
-            for (int j = lane; j < i; j += LANES)
-                K[i * P + j] = K[j * P + i];
-        for (int i = lane; i < P; i += LANES)
-            K[i * P + i] = i < M ? K[i * P + i] + S[i] : T(1);
         WP_GPUREG_SYNC();
-        // K = K^-1 in place, 4 pivots at once: first in their own rows, then in all others
-        for (int k = 0; k < M; k += 4) {
-            T* const pivots = K + k * P;
-            for (int i = lane; i < P; i += LANES) {
-                T* const at = K + i * P + k;
-                const T f0 = at[0], f1 = at[1], f2 = at[2], f3 = at[3];
-                T* const f = F + 4 * i;
-                f[0] = f0, f[1] = f1, f[2] = f2, f[3] = f3;
-                if (i < k || i >= k + 4)
-                    at[0] = at[1] = at[2] = at[3] = T(0);
-            }
-            WP_GPUREG_SYNC();
-            for (int a = 0; a < 4; ++a) {
-                T* const pivot = pivots + a * P;
-                const T p = T(1) / (pivot[k + a] > S[k + a] ? pivot[k + a] : S[k + a]);
-                T factors[4];
-                for (int b = 0; b < 4; ++b)
-                    factors[b] = pivots[b * P + k + a];
-                WP_GPUREG_SYNC();
-                for (int b = lane; b < 4; b += LANES)
-                    pivots[b * P + k + a] = b == a ? T(1) : T(0);
-                WP_GPUREG_SYNC();
-                for (int q = lane * N; q < P; q += LANES * N) {
-                    const V x = load(pivot + q) * p;
-                    for (int b = 0; b < 4; ++b)
-                        if (b != a)
-                            store(pivots + b * P + q, load(pivots + b * P + q) - factors[b] * x);
-                    store(pivot + q, x);
-                }
-                WP_GPUREG_SYNC();
-            }
-            for (int i = 0; i < M; i += 2) {
-                if (i >= k && i < k + 4)
-                    continue;
-                T *const row = K + i * P, *const next = row + P;
-                const T *f = F + 4 * i, f0 = f[0], f1 = f[1], f2 = f[2], f3 = f[3];
-                const T g0 = f[4], g1 = f[5], g2 = f[6], g3 = f[7];
-                for (int q = lane * N; q < P; q += LANES * N) {
-                    const V x0 = load(pivots + q), x1 = load(pivots + P + q), x2 = load(pivots + 2 * P + q),
-                            x3 = load(pivots + 3 * P + q);
-                    store(row + q, load(row + q) - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3);
-                    store(next + q, load(next + q) - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3);
-                }
-            }
-            WP_GPUREG_SYNC();
-        }
+        factor(K, Z, S, F);
         centred(s.noisy.data + c * s.plane);
-        for (int job = lane; job < rows * pairs; job += LANES) {
-            const int v = job / pairs * 4, q = job % pairs * 2 * N;
-            V sum[8];
-            const int U = q + 2 * N <= P ? 2 : 1;
-            if (U == 2)
-                tile(Two(), X + v * P, 1, P, K + q, M, sum);
-            else
-                tile(One(), X + v * P, 1, P, K + q, M, sum);
-            for (int a = 0; a < 4; ++a)
-                for (int k = 0; k < U; ++k)
-                    store(Y + (v + a) * P + q + k * N, sum[a * U + k] * load(S + q + k * N));
-        }
-        WP_GPUREG_SYNC();
+        solve(X, n, Y, K, Z, S);
     };
 """
 _ADD = """
-    auto add = [&](int r, int c, const T* Y) {
+    auto add = [&](int r, int c, const T* X) {
         const int n = s.sizes.data[r], M = s.patch.shape[0];
         for (int v = 0; v < n; ++v) {
             const long long at = s.centres.data[r] + s.steps.data[s.members.data[(size_t)r * s.members.shape[1] + v]];
             T* const to = s.total.data + c * s.plane + at;
             for (int j = lane; j < M; j += LANES)
-                to[s.patch.data[j]] += Y[v * s.pitch + j];
+                to[s.patch.data[j]] += X[v * s.pitch + j];
             // the channels of a block run at once: one of them counts
             if (c == 0)
                 for (int j = lane; j < M; j += LANES)
@@ -215,7 +124,7 @@ _ADD = """
 """
 _SCRATCH = """
     const size_t lines = (size_t)(s.members.shape[1] + 3) / 4 * 4;
-    const size_t numbers = (2 * lines + s.pitch + 5) * s.pitch;
+    const size_t numbers = (2 * lines + 2 * s.pitch + 5) * s.pitch;
 """
 _BLOCK = """
     T *X = s.scratch.data + item * numbers, *Y = X + lines * P, *K = Y + lines * P;
@@ -223,7 +132,7 @@ _BLOCK = """
     for (int i = s.starts.data[block]; i < s.starts.data[block + 1]; ++i)
         if (s.sizes.data[s.order.data[i]] > 0) {
             estimate(s.order.data[i], c, X, Y, K);
-            add(s.order.data[i], c, Y);
+            add(s.order.data[i], c, X);
         }
 """
 _GROUP = """
@@ -236,7 +145,7 @@ _ADD_BLOCK = """
     const int block = first + item / s.channels, c = item % s.channels;
     for (int i = s.starts.data[block]; i < s.starts.data[block + 1]; ++i) {
         const size_t place = (size_t)(i - s.starts.data[first]) * s.channels + c;
-        add(s.order.data[i], c, s.scratch.data + place * numbers + lines * s.pitch);
+        add(s.order.data[i], c, s.scratch.data + place * numbers);
     }
 """
 
@@ -293,8 +202,8 @@ def _make(real, N, lanes, body):
 def make(real, N, lanes, whole):
     """Make `estimate`; `whole`: a work item is a block of groups, and adds what it computes."""
     if whole:
-        return _make(real, N, lanes, _ESTIMATE + _ADD + _SCRATCH + _BLOCK)
-    return _make(real, N, lanes, _ESTIMATE + _SCRATCH + _GROUP)
+        return _make(real, N, lanes, _SIZES + triangles.SOURCE + _ESTIMATE + _ADD + _SCRATCH + _BLOCK)
+    return _make(real, N, lanes, _SIZES + triangles.SOURCE + _ESTIMATE + _SCRATCH + _GROUP)
 
 
 @functools.cache

@@ -99,8 +99,8 @@ class WarpGroups(WarpLaunches):
         step.pitch = P = -(-form.cells // multiple) * multiple
         step.total = wp.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
         count = wp.zeros(math.prod(shape), dtype=self.real, device=self._on)
-        # two tables of the patches of a group, its matrix, and five rows
-        each = (2 * -(-form.most // 4) * 4 + P + 5) * P * m
+        # two tables of the patches of a group, two of its matrices, and five rows
+        each = (2 * -(-form.most // 4) * 4 + 2 * P + 5) * P * m
         items = np.arange(len(starts)) if whole else starts
         bands = _bands(items, phases, self._band(each))
         most = max(int(items[b] - items[a]) for a, b in bands)
