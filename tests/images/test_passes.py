@@ -112,6 +112,8 @@ def test_noise_that_is_not_white_stays_with_the_filter():
         channel = replace(report.channels[0], correlated=False, **found)
         other = replace(report, channels=(channel,))
         assert says in gr.plan_denoising(clean + blurred, sigma=other).reasons["groups"]
+    saved = replace(report, channels=(replace(report.channels[0], period=8),))
+    assert report.channels[0].correlated and len(gr.plan_denoising(clean + blurred, sigma=saved).passes) == 2
 
 
 @pytest.mark.parametrize(
