@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -30,50 +31,16 @@ class NumpyGroups(GroupPrimitives):
         limit = np.full(len(references), form.flat * form.cells * len(planes))
         if level is not None:
             limit = limit * level[references]
-        for band in _bands(len(references), form.places + form.cells * len(planes)):
-            found, count = self._members(graph, planes, form, references[band], limit[band].astype(self.dtype))
-            members[band], sizes[band] = found, count
+        lattice = form.lattice(graph.shape)
+        row = math.prod(map(len, lattice[1:]))
+        for band in _bands(len(lattice[0]), row * form.places):
+            those = slice(band.start * row, band.stop * row)
+            distance = _distances(graph, planes, form, (lattice[0][band], *lattice[1:]))
+            members[those], sizes[those] = _members(distance, limit[those].astype(self.dtype), form)
         if graph.mask is not None:
             outside = ~graph.mask.ravel()[references]
             sizes[outside], members[outside] = 0, 0
         return Groups(graph, form, members, sizes)
-
-    def _members(
-        self, graph: GridGraph, planes: FloatArray, form: GroupForm, references: IntArray, limit: FloatArray
-    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-        shape = np.array(graph.shape)
-        padded = planes.shape[1:]
-        at = np.stack(np.unravel_index(references, graph.shape), axis=1)
-        cells = _cells(form, padded)
-        flat = planes.reshape(len(planes), -1)
-        middle = np.array(form.patch)
-        own = flat[:, (at + middle) @ row_major(padded)[:, None] + cells]
-        distance = np.full((len(references), form.places), np.inf, self.dtype)
-        offsets = form.offsets()
-        for place in range(form.places):
-            there = at + offsets[place]
-            inside = ((there >= 0) & (there < shape)).all(axis=1)
-            if graph.mask is not None:
-                inside[inside] = graph.mask[tuple(there[inside].T)]
-            if not inside.any():
-                continue
-            patches = flat[:, (there[inside] + middle) @ row_major(padded)[:, None] + cells]
-            distance[inside, place] = ((patches - own[:, inside]) ** 2).sum(axis=(0, 2))
-        known = np.isfinite(distance)
-        n = min(form.nearest, form.places)
-        nearest = np.partition(distance, n - 1, axis=1)[:, n - 1]
-        # a window with fewer patches: all of them
-        nearest = np.where(np.isfinite(nearest), nearest, np.where(known, distance, 0).max(axis=1))
-        chosen = known & (distance <= np.maximum(nearest, limit)[:, None])
-        total = chosen.sum(axis=1, keepdims=True)
-        rank = np.cumsum(chosen, axis=1) - 1
-        spread = (rank + 1) * form.most // np.maximum(total, 1) > rank * form.most // np.maximum(total, 1)
-        chosen &= (total <= form.most) | spread
-        sizes = chosen.sum(axis=1).astype(np.int32)
-        members = np.zeros((len(references), form.most), np.int32)
-        rows, columns = np.nonzero(chosen)
-        members[rows, (np.cumsum(chosen, axis=1) - 1)[rows, columns]] = columns
-        return members, sizes
 
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         return groups.members.copy(), groups.sizes.copy()
@@ -123,6 +90,59 @@ class NumpyGroups(GroupPrimitives):
         value = (noisy.reshape(channels, -1) - change).reshape(noisy.shape)
         inner = tuple(slice(r, r + size) for r, size in zip(form.patch, graph.shape, strict=True))
         return np.ascontiguousarray(np.moveaxis(value[:, *inner], 0, -1).reshape(-1, channels))
+
+
+def _distances(graph: GridGraph, planes: FloatArray, form: GroupForm, lattice: tuple[IntArray, ...]) -> FloatArray:
+    """Compute the squared differences of patches, (references, places), for references at these positions.
+
+    For each place of the window, squared differences of cells are summed over the patches of the references alone.
+    Infinity for places outside the grid or its mask.
+    """
+    wide = np.pad(planes, [(0, 0), *((w, w) for w in form.window)])
+    first, last = int(lattice[0][0]), int(lattice[0][-1]) + 2 * form.patch[0] + 1
+    count = math.prod(map(len, lattice))
+    distance = np.full((count, form.places), np.inf, planes.dtype)
+    own = planes[:, first:last]
+    for place, offset in enumerate(form.offsets()):
+        there = [at + step for at, step in zip(lattice, offset, strict=True)]
+        inside = functools.reduce(
+            np.logical_and.outer, [(at >= 0) & (at < size) for at, size in zip(there, graph.shape, strict=True)]
+        )
+        if not inside.any():
+            continue
+        if graph.mask is not None:
+            clipped = [np.clip(at, 0, size - 1) for at, size in zip(there, graph.shape, strict=True)]
+            inside &= graph.mask[np.ix_(*clipped)]
+        begin = [w + int(step) for w, step in zip(form.window, offset, strict=True)]
+        begin[0] += first
+        box = [slice(start, start + size) for start, size in zip(begin, own.shape[1:], strict=True)]
+        total = ((wide[:, *box] - own) ** 2).sum(axis=0)
+        for axis in range(graph.ndim - 1, -1, -1):
+            at = lattice[axis] - (first if axis == 0 else 0)
+            total = sum((total.take(at + j, axis) for j in range(1, 2 * form.patch[axis] + 1)), total.take(at, axis))
+        distance[:, place] = np.where(inside, total, np.inf).ravel()
+    return distance
+
+
+def _members(
+    distance: FloatArray, limit: FloatArray, form: GroupForm
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Choose the members of groups, (references, most) and (references,), from distances, (references, places)."""
+    known = np.isfinite(distance)
+    n = min(form.nearest, form.places)
+    nearest = np.partition(distance, n - 1, axis=1)[:, n - 1]
+    # a window with fewer patches: all of them
+    nearest = np.where(np.isfinite(nearest), nearest, np.where(known, distance, 0).max(axis=1))
+    chosen = known & (distance <= np.maximum(nearest, limit)[:, None])
+    total = chosen.sum(axis=1, keepdims=True)
+    rank = np.cumsum(chosen, axis=1) - 1
+    spread = (rank + 1) * form.most // np.maximum(total, 1) > rank * form.most // np.maximum(total, 1)
+    chosen &= (total <= form.most) | spread
+    sizes = chosen.sum(axis=1).astype(np.int32)
+    members = np.zeros((len(distance), form.most), np.int32)
+    rows, columns = np.nonzero(chosen)
+    members[rows, (np.cumsum(chosen, axis=1) - 1)[rows, columns]] = columns
+    return members, sizes
 
 
 def _cells(form: GroupForm, padded: tuple[int, ...]) -> IntArray:
