@@ -64,7 +64,7 @@ def after_passes(
             done(i)
             if masked:
                 guide = _known(guide.reshape(*grid.shape, -1), inside).reshape(guide.shape)
-            groups = device.patch_groups(grid, guide, each.form(sigma), level=level)
+            groups = device.patch_groups(grid, guide[:, : into.compared], each.form(sigma), level=level)
             guide = device.get(grid, device.group_step(groups, f0, guide, variance))
         done(len(ready.plan.passes))
     value = into.back(guide, pilot)
@@ -87,6 +87,8 @@ class _Units:
         self._units = np.array(noise.units) if noise.units else None
         self._frame, self._type = noise.frame, device.dtype
         self._turn = _OPPONENT.astype(device.dtype) if channels == 3 else None
+        # the third opponent colour adds noise to the distances, and little that the others do not tell
+        self.compared = 2 if channels == 3 else channels
 
     def function(self, image: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
         """Return the function (n, m) of an image (..., m)."""

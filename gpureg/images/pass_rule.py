@@ -112,12 +112,15 @@ def _not_white(channel: ChannelNoise) -> str | None:
     """Return why patches would keep the noise of a channel as if it were signal; None if its noise is white."""
     if channel.state != "measured":
         return None
+    if channel.period == 8:
+        # Measured on 48 JPEG files of noisy photographs: where rounding in the file has removed the finest part of the
+        # noise, so that neighbours are correlated, passes gain 0.15 dB on average and lose 0.17 at most; where blocks
+        # stand out of noise that is white, they lose 0.1 to 0.5.
+        return None if channel.correlated else "blocks of a JPEG stand out of strong noise"
     if channel.correlated:
         return "the noise of neighbouring pixels is correlated"
     if channel.period == 2:
         return "every second row or column is alike, as in a mosaic"
-    if channel.period == 8:
-        return "blocks of a JPEG stand out"
     return "whole rows or columns are offset" if channel.stripe_rows or channel.stripe_columns else None
 
 

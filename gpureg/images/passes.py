@@ -125,11 +125,11 @@ def _each(steps: Sequence[int]) -> str:
     return str(steps[0]) if len(set(steps)) == 1 else "x".join(map(str, steps))
 
 
-def _picture(steps: tuple[int, int]) -> tuple[PatchPass, ...]:
+def _picture(step: int) -> tuple[PatchPass, ...]:
     """Return the passes for pictures."""
     return (
-        PatchPass((2, 2), (19, 19), (steps[0],) * 2, 25, 64),
-        PatchPass((3, 3), (19, 19), (steps[1],) * 2, 45, 64),
+        PatchPass((2, 2), (19, 19), (step,) * 2, 25, 64),
+        PatchPass((3, 3), (19, 19), (step,) * 2, 45, 64),
     )
 
 
@@ -141,7 +141,7 @@ def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...], most: i
 
 # The passes for each number of axes and each word; the last ones are made if fewer are asked for.
 _TABLE: dict[int, dict[Quality, tuple[PatchPass, ...]]] = {
-    2: {"balanced": _picture((4, 6)), "best": _picture((3, 4))},
+    2: {"balanced": _picture(6), "best": _picture(4)},
     3: {
         "balanced": _volume((7, 7, 7), ((3, 3, 3), (3, 4, 4)), 64),
         "best": _volume((7, 7, 7), ((2, 2, 2), (2, 4, 4)), 80),

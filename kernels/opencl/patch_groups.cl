@@ -43,30 +43,38 @@ static inline int count_up_to(const realN *d, const real bound)
 }
 
 /* A bound with n distances up to it, or with more if the n-th smallest is not the only one of its value; `least` has
- * fewer. If it is 0 the search begins with all numbers, otherwise with factors of 4, because most bounds are near it. */
-static inline real nth_smallest(const realN *d, const int n, const real least)
+ * `total` of them, which are fewer, and gets the number. If it is 0 the search begins with all numbers, otherwise with
+ * factors of 4, because most bounds are near it. Then every second step divides by the numbers of distances up to both
+ * ends instead of by 2: on pictures 5 steps instead of 9. */
+static inline real nth_smallest(const realN *d, const int n, const real least, int *total)
 {
     lane low = CONCATENATE(as_, LANE_)(least), high = LARGEST;
+    int below = *total, above = ROWS * PACKS * N;
     const lane factor = (lane)2 << MANTISSA;
     if (least >= LEAST_NORMAL)
-        while (high - low > factor) {
+        while (high - low > factor && above > n) {
             const int found = count_up_to(d, CONCATENATE(as_, REAL_)(low + factor));
-            if (found >= n)
+            if (found >= n) {
                 high = low + factor;
-            else
-                low += factor;
-            if (found == n) return CONCATENATE(as_, REAL_)(high);
-            if (found > n) break;
+                above = found;
+                break;
+            }
+            low += factor;
+            below = found;
         }
-    while (high - low > 1) {
-        const lane middle = low + (high - low) / 2;
+    for (bool halve = least < LEAST_NORMAL; high - low > 1 && above > n; halve = !halve) {
+        const real share = halve ? (real)0.5 : (n - (real)0.5 - below) / (above - below);
+        const lane middle = low + max((lane)1, min(high - low - 1, (lane)((high - low) * share)));
         const int found = count_up_to(d, CONCATENATE(as_, REAL_)(middle));
-        if (found >= n)
+        if (found >= n) {
             high = middle;
-        else
+            above = found;
+        } else {
             low = middle;
-        if (found == n) break;
+            below = found;
+        }
     }
+    *total = above;
     return CONCATENATE(as_, REAL_)(high);
 }
 
@@ -128,8 +136,7 @@ ALONE __kernel void patch_groups(
     real bound = limit;
     int total = count_up_to(d, limit);
     if (total < n) {
-        bound = nth_smallest(d, n, limit);
-        total = count_up_to(d, bound);
+        bound = nth_smallest(d, n, limit, &total);
     }
     int found = 0, share = 0;
     __global ushort *own = members + reference * MOST;

@@ -34,14 +34,16 @@ def plan_of(image: np.ndarray, **options) -> gr.DenoisePlan:
     return with_small_passes(gr.plan_denoising(image, radius=3, **{"passes": 2, **options}))
 
 
-def by_hand(plan: gr.DenoisePlan, f0: np.ndarray, pilot: np.ndarray, sigma, level=None, mask=None) -> np.ndarray:
+def by_hand(
+    plan: gr.DenoisePlan, f0: np.ndarray, pilot: np.ndarray, sigma, level=None, mask=None, compared=None
+) -> np.ndarray:
     """The passes of a plan in the units of the image, without a frame; all arrays (..., m)."""
     device, shape = backends.get("numpy", np.float64), f0.shape
     grid = gr.GridGraph(shape[:-1], mask=mask)
     f0, guide = f0.reshape(-1, shape[-1]), pilot.reshape(-1, shape[-1])
     variance = sigma**2 if level is None else sigma**2 * level
     for each in plan.passes:
-        groups = device.patch_groups(grid, guide, each.form(sigma), level=level)
+        groups = device.patch_groups(grid, guide[:, :compared], each.form(sigma), level=level)
         guide = device.get(grid, device.group_step(groups, f0, guide, variance))
     return guide.reshape(shape)
 
@@ -112,6 +114,8 @@ def test_noise_that_is_not_white_stays_with_the_filter():
         channel = replace(report.channels[0], correlated=False, **found)
         other = replace(report, channels=(channel,))
         assert says in gr.plan_denoising(clean + blurred, sigma=other).reasons["groups"]
+    saved = replace(report, channels=(replace(report.channels[0], period=8),))
+    assert report.channels[0].correlated and len(gr.plan_denoising(clean + blurred, sigma=saved).passes) == 2
 
 
 @pytest.mark.parametrize(
@@ -178,7 +182,8 @@ def test_three_channels_are_turned_to_opponent_colours():
     plan = plan_of(image, sigma=15.0, **given)
     pilot = gr.run_plan(replace(plan, passes=()), image, channel_axis=-1, **HOST).value
     turn = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])
-    expected = by_hand(plan, image @ turn.T, pilot @ turn.T, 15.0) @ turn
+    # the groups compare the first two of them
+    expected = by_hand(plan, image @ turn.T, pilot @ turn.T, 15.0, compared=2) @ turn
     assert np.abs(gr.run_plan(plan, image, channel_axis=-1, **HOST).value - expected).max() < CLOSE
 
 
