@@ -132,18 +132,18 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     and the last one, and finds the patches around it that are similar in the last result: a group. All patches of a
     group are estimated together: a noisy patch is moved towards the mean of its group, the more in those directions in
     which the patches of the last result differ less than the noise. A pixel is the mean over all patches that cover
-    it. Three channels are turned to brightness and two opponent colours for this.
+    it. Three channels are turned to brightness and two opponent colours for this, of which groups compare the first
+    two.
 
     Passes are left out by default, and :meth:`DenoisePlan.explain` says why, where a parameter is given that makes
     another filter (p, weights, lam, max_iter, tol, centre, k or a guide); where the noise is found not to be white
-    (correlated noise, stripes, mosaics and blocks of a JPEG would count as signal); in a picture with fewer than 32
-    pixels along an axis, which has too few similar patches, unless `quality` is given; in images of other than 2 or 3
-    axes. passes=3 makes them all the same. quality="fast" or passes=1 leaves them out.
+    (correlated noise, stripes, mosaics, and blocks of a JPEG in strong noise would count as signal); in a picture with
+    fewer than 32 pixels along an axis, which has too few similar patches, unless `quality` is given; in images of other
+    than 2 or 3 axes. passes=3 makes them all the same. quality="fast" or passes=1 leaves them out.
 
-    With passes a grey picture takes about three times as long as by the filter alone, one in colour four times, a
-    volume ten times. As groups belong to every few pixels from the first one, the result of a flipped image is not
-    exactly the flipped result. In a volume the patches of the second pass are larger along the last two axes: put the
-    slow axis (z or time) first.
+    With passes a picture takes about 2.5 times as long as by the filter alone, a volume about 10 times. As groups
+    belong to every few pixels from the first one, the result of a flipped image is not exactly the flipped result. In a
+    volume the patches of the second pass are larger along the last two axes: put the slow axis (z or time) first.
 
     :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons.
 
