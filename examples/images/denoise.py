@@ -3,8 +3,8 @@ Denoising without parameters
 ============================
 
 :func:`gpureg.denoise_image` estimates the noise of a picture, and chooses the weights, the window and the strength of
-the filter accordingly. The plan of a call can be read before anything is computed. This works for grey pictures and for
-pictures in colour.
+the filter accordingly; two passes on groups of similar patches follow. The plan of a call can be read before anything
+is computed. This works for grey pictures and for pictures in colour.
 """
 
 import numpy as np

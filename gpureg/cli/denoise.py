@@ -121,12 +121,13 @@ _OPTIONS_OF_WEIGHTS = {
     "--passes",
     type=click.IntRange(1, MOST_PASSES),
     help="1: the filter alone; 2, 3: and one or two passes on groups of similar patches.  "
-    "[default: 3 for one sweep at p = 2 by the rule, otherwise 1]",
+    "[default: 3 for one sweep at p = 2 by the rule in white noise, otherwise 1]",
 )
 @click.option(
     "--quality",
     type=click.Choice(QUALITIES),
-    help="Where passes are the default: none, the default, or groups at more pixels.  [default: balanced]",
+    help="How much work the default of --passes is: fast makes none, best finds groups at more pixels.  "
+    "[default: balanced]",
 )
 @options.solver
 @click.option("--max-iter", type=int, help="Maximum number of iterations.")

@@ -70,9 +70,10 @@ def plan_denoising(image: npt.ArrayLike | Raster, **options: Unpack[Choice]) -> 
     The default is one sweep of nonlocal means (p = 2) over a window of 21 x 21, or 5 x 5 x 5 in a volume. Its weights
     compare a blurred copy of the image, with parameters that depend on the noise
     (:func:`gpureg.images.nonlocal_rule.nonlocal_rule`); if sigma is a map, their h and sigma are maps too. Two passes
-    on groups of similar patches follow, unless the noise is known not to be white; the plan has them in `passes`. What
-    else is done about the noise is in the notes of :func:`denoise_image`; the plan has it in `photon`, `impulses`,
-    `flat_side` and `groups`.
+    on groups of similar patches follow; the plan has them in `passes`, and `explain` the reason where there are none:
+    noise that is not white, a picture of fewer than 32 pixels along an axis, parameters that make another filter. What
+    the passes do and cost, and what else is done about the noise, is in the notes of :func:`denoise_image`; the plan
+    has the latter in `photon`, `impulses`, `flat_side` and `groups`.
 
     With p other than 2, the default is the unweighted graph G_0 of nearest neighbours (p = 1: digital total variation)
     with lam = 2.2 G^(0.4 p^2) sigma^(p - 2). G is the root mean square gradient of the clean image over sigma, at least

@@ -72,13 +72,14 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
         cover it. "weighted" weights each patch by the sum of its weights. None means "weighted" in a 2-D image whose
         weights are chosen by the rule, if the other options allow it.
     passes : {1, 2, 3}, optional
-        How often the image is estimated. 1 is the filter that the other parameters describe. 2 adds a pass that takes
-        the filter's result to find groups of similar patches of 7 x 7, and estimates the patches of each group
-        together; 3 adds one with patches of 5 x 5 before it; in a volume 3 x 5 x 5 and 3 x 3 x 3. None means 3 after
-        one sweep at p = 2 whose weights and lam are chosen by the rule, if the noise is white; otherwise 1.
+        How often the image is estimated. 1 is the filter that the other parameters describe. 2 adds a pass that finds
+        groups of similar patches of 7 x 7 in the filter's result, and estimates the patches of each group together;
+        3 adds one with patches of 5 x 5 before it; in a volume or series 3 x 5 x 5 and 3 x 3 x 3. None means 3 where
+        passes follow by default (see the notes), otherwise 1.
     quality : {"fast", "balanced", "best"}, optional
         How much work None is for `passes`: "fast" is the filter alone; "best" finds groups at more pixels than
-        "balanced", which is the default. A number of passes goes with either word.
+        "balanced", which is the default. A number of passes takes the places of groups from the word ("fast" as
+        "balanced").
     gamma, coupled, update_weights
         As in :func:`gpureg.regularize`.
     max_iter : int, optional
@@ -127,12 +128,22 @@ def denoise_image(image: npt.ArrayLike, **options: Unpack[Denoise]) -> npt.NDArr
     and their edges agree. With weights by a rule at p = 2, large areas of exactly equal values take no part.
 
     By default the image is estimated three times. First by the filter, one sweep of nonlocal means (eq. 25 of the
-    paper, whose eq. 19 to 31 are the model). Then groups of similar patches are found in the result, for every few
-    pixels along each axis and the last one, and all patches of a group are estimated together: a patch is taken
-    towards the mean of its group, the more in those directions in which the patches of the result differ less than
-    the noise. A pixel is the mean over all patches that cover it. RGB images are turned to brightness and two opponent
-    colours for this. Correlated noise, stripes, mosaics and blocks of a JPEG would count as signal: there the filter is
-    alone. The second passes take longer than the filter; quality="fast" or passes=1 leaves them out.
+    paper, whose eq. 19 to 31 are the model). Then two passes follow. A pass takes a pixel every few along each axis,
+    and the last one, and finds the patches around it that are similar in the last result: a group. All patches of a
+    group are estimated together: a noisy patch is moved towards the mean of its group, the more in those directions in
+    which the patches of the last result differ less than the noise. A pixel is the mean over all patches that cover
+    it. Three channels are turned to brightness and two opponent colours for this, of which groups compare the first
+    two.
+
+    Passes are left out by default, and :meth:`DenoisePlan.explain` says why, where a parameter is given that makes
+    another filter (p, weights, lam, max_iter, tol, centre, k or a guide); where the noise is found not to be white
+    (correlated noise, stripes, mosaics, and blocks of a JPEG in strong noise would count as signal); in a picture with
+    fewer than 32 pixels along an axis, which has too few similar patches, unless `quality` is given; in images of other
+    than 2 or 3 axes. passes=3 makes them all the same. quality="fast" or passes=1 leaves them out.
+
+    With passes a picture takes about 2.5 times as long as by the filter alone, a volume about 10 times. As groups
+    belong to every few pixels from the first one, the result of a flipped image is not exactly the flipped result. In a
+    volume the patches of the second pass are larger along the last two axes: put the slow axis (z or time) first.
 
     :func:`gpureg.plan_denoising` returns the parameters that are chosen, with reasons.
 

@@ -71,7 +71,8 @@ class DenoisePlan:
         The offset and the unit of the values with which a single sweep computes, so that parts of the image give the
         bits of the whole; None to choose them from the values.
     passes : tuple of PatchPass
-        Passes on groups of similar patches, which follow the filter; empty for the filter alone.
+        Passes on groups of similar patches, which follow the filter in this order: each finds its groups in the last
+        result, and estimates the noisy patches of a group together. Empty for the filter alone.
     noise : PassNoise or None
         The noise that these passes remove.
     groups : tuple of (channels, DenoisePlan)
@@ -83,6 +84,12 @@ class DenoisePlan:
         What was found of the noise, if it was estimated; see :func:`gpureg.describe_noise`.
     reasons : mapping of str to str
         Reasons for the parameters that were not given; see :meth:`explain`.
+
+    Notes
+    -----
+    The filter is the sweep or the iterations that `weights`, `radius`, `p`, `lam` and `max_iter` describe.
+    ``dataclasses.replace(plan, passes=())`` is the plan of the filter alone; the reason for the passes, or why there
+    are none, is ``reasons["groups"]``.
     """
 
     sigma: float | None
