@@ -11,6 +11,7 @@ from .. import backends
 from ..backends import Backend
 from ..graphs.grid import GridGraph
 from ..progress import progress_bar
+from .grouped_patches import LARGEST
 from .guides import filled
 from .passes import PassNoise, PatchPass
 from .prepare import Prepared
@@ -56,7 +57,8 @@ def after_passes(
         data = np.where(lam == 0, pilot, data)
     into = _Units(noise, pilot.shape[-1], device)
     f0, guide = into.function(_known(data, inside if masked else None)), into.function(pilot)
-    sigma = noise.level / noise.frame.scale
+    # its square, and sums of many of them, are numbers of float32
+    sigma = min(max(noise.level / noise.frame.scale, 1 / LARGEST), LARGEST)
     level = None if ready.profile is None else ready.profile.ravel() ** 2
     variance = sigma**2 if level is None else sigma**2 * level
     with progress_bar(progress, len(ready.plan.passes), "passes") as done:

@@ -131,8 +131,10 @@ ALONE __kernel void patch_groups(
             d[row * PACKS + p] = there ? sum[p] : (realN)(INFINITY);
         }
     }
-    const int n = min(nearest, count_up_to(d, CONCATENATE(as_, REAL_)((lane)LARGEST)));
-    const real limit = levelled ? limit_ * level[middle] : limit_;
+    const real largest = CONCATENATE(as_, REAL_)((lane)LARGEST);
+    const int n = min(nearest, count_up_to(d, largest));
+    /* below the distance of cells that are no members */
+    const real limit = fmin(levelled ? limit_ * level[middle] : limit_, largest);
     real bound = limit;
     int total = count_up_to(d, limit);
     if (total < n) {

@@ -105,7 +105,8 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void patch_groups(
         }
     }
     /* the bound is between low and high, which has at least n distances, or all; see nth_smallest in patch_groups.cl */
-    const real limit = levelled ? limit_ * level[middle] : limit_;
+    /* below the distance of cells that are no members */
+    const real limit = fmin(levelled ? limit_ * level[middle] : limit_, AS_REAL((lane)LARGEST));
     const lane factor = (lane)2 << MANTISSA;
     lane low = -1, high = LARGEST, bound = CONCATENATE(as_, LANE_)(limit);
     bool by_factors = limit >= LEAST_NORMAL, searching = true;

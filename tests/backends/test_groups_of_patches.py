@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -329,3 +329,11 @@ def test_noise_alone_leaves_the_mean(device):
     )
     assert np.abs(found - flat).max() <= OFF["float32"]
     assert np.std(found) < np.std(f0) / 3
+
+
+@pytest.mark.one_driver
+def test_a_limit_beyond_all_numbers_takes_no_cells_outside_of_the_grid(device, oracle):
+    """Their distance is infinite, and the limit is in float32."""
+    backend = grouping(device, "float32")
+    case = replace(DEVICES[0], form=replace(DEVICES[0].form, flat=np.inf))
+    assert members(case, backend, groups_of(case, backend)) == members(case, oracle, groups_of(case, oracle))

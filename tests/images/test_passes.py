@@ -247,3 +247,16 @@ def test_a_run_that_is_stopped_returns_the_filter(monkeypatch):
     with pytest.raises(gr.Interrupted) as caught:
         gr.run_plan(plan, image, **HOST)
     assert np.array_equal(caught.value.result.value, gr.run_plan(replace(plan, passes=()), image, **HOST).value)
+
+
+@pytest.mark.parametrize("sigma", [1e-25, 1e25])
+def test_noise_far_from_the_contrast_is_still_a_number(sigma):
+    """Its square is none of float32: tiny noise leaves an area of equal values, large noise the mean of a group."""
+    image = np.float32(noisy())
+    image[:20] = 50
+    value = gr.denoise_image(image, sigma=sigma, passes=3, radius=3, backend="numpy")
+    assert np.isfinite(value).all()
+    assert np.ptp(value) <= np.ptp(image)
+    if sigma < 1:
+        # a few roundings of float32
+        assert np.abs(value - image).max() <= 1e-4
