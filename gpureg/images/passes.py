@@ -126,25 +126,29 @@ def _each(steps: Sequence[int]) -> str:
 
 
 def _picture(step: int) -> tuple[PatchPass, ...]:
-    """Return the passes for pictures."""
+    """Return the passes for pictures.
+
+    The second pass takes twice as many members where there are more than it needs: with 64 it left some of the first
+    pass's noise in smooth areas, 0.5 dB at sigma 40 on a picture of a cell.
+    """
     return (
         PatchPass((2, 2), (19, 19), (step,) * 2, 25, 64),
-        PatchPass((3, 3), (19, 19), (step,) * 2, 45, 64),
+        PatchPass((3, 3), (19, 19), (step,) * 2, 45, 128),
     )
 
 
-def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...], most: int) -> tuple[PatchPass, ...]:
+def _volume(radius: tuple[int, ...], steps: tuple[tuple[int, ...], ...]) -> tuple[PatchPass, ...]:
     """Return the passes for volumes and series, the same for both: the patches of the second are larger in a plane."""
-    first = PatchPass((1, 1, 1), radius, steps[0], 30, most, 0.2)
-    return first, PatchPass((1, 2, 2), radius, steps[1], 40, most, 0.2)
+    first = PatchPass((1, 1, 1), radius, steps[0], 30, 64, 0.2)
+    return first, PatchPass((1, 2, 2), radius, steps[1], 40, 128, 0.2)
 
 
 # The passes for each number of axes and each word; the last ones are made if fewer are asked for.
 _TABLE: dict[int, dict[Quality, tuple[PatchPass, ...]]] = {
     2: {"balanced": _picture(6), "best": _picture(4)},
     3: {
-        "balanced": _volume((7, 7, 7), ((3, 3, 3), (3, 4, 4)), 64),
-        "best": _volume((7, 7, 7), ((2, 2, 2), (2, 4, 4)), 80),
+        "balanced": _volume((7, 7, 7), ((3, 3, 3), (3, 4, 4))),
+        "best": _volume((7, 7, 7), ((2, 2, 2), (2, 4, 4))),
     },
 }
 # The numbers of axes with passes.
