@@ -24,7 +24,7 @@ from .noise import Noise, levels_of, noise_of
 from .options import CHOICE, Choice, check_choice
 from .pass_rule import expect_passes, with_passes
 from .plan import DenoisePlan
-from .prepare import prepared
+from .prepare import flat_in_all, prepared
 from .raster import Raster
 from .run import expect_one_sweep, solve
 from .window import window_of
@@ -33,6 +33,8 @@ from .window import window_of
 _ROUNDING = 0.32
 # Areas of equal values are left out if they have more than this share.
 _FLAT = 0.01
+# Only above this share they may be all of an image.
+_MAY_BE_ALL = 0.9
 
 
 @door(options=CHOICE)
@@ -136,9 +138,11 @@ def each_channel(raster: Raster, **options: Unpack[Choice]) -> DenoisePlan:
     return replace(plans[0], sigma=total, sigmas=levels, groups=groups, same=tuple(range(count)), report=None)
 
 
-def _flat_side(raster: Raster) -> int:
-    """Return the side of large areas of equal values."""
-    return max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))
+def _flat_side(raster: Raster, share: float) -> int:
+    """Return the side of large areas of equal values that are left out; 0 if there is nothing else in the image."""
+    side = max(large_side(raster.cells[..., i], raster.inside) for i in range(raster.channels))
+    # the share is an estimate, and cheaper
+    return 0 if share > _MAY_BE_ALL and flat_in_all(raster, side).all() else side
 
 
 def _may_squeeze(asked: Choice) -> bool:
@@ -236,7 +240,7 @@ def _plan(raster: Raster, asked: Choice, noise: Noise, group: tuple[int, ...] = 
         photon=(noise.photon or ()) if follows else (),
         impulses=noise.impulses if follows and any(rule is not None for rule in noise.impulses) else (),
         units=units or (),
-        flat_side=_flat_side(raster) if course.chooses and course.filters and not idle and flat > _FLAT else 0,
+        flat_side=_flat_side(raster, flat) if course.chooses and course.filters and not idle and flat > _FLAT else 0,
         frame=raster.frame(units) if course.filters else None,
         report=noise.report,
         reasons=why,

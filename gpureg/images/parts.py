@@ -15,7 +15,7 @@ from .. import backends
 from ..backends import Backend
 from ..graphs.grid import GridGraph
 from ..model.memory import Job, process_limit, readable
-from ..model.result import Result
+from ..model.result import Interrupted, Result
 from ..progress import progress_bar
 from ..regularization.one_sweep import OneStep
 from ..regularization.tiling import Tile, cut
@@ -186,6 +186,11 @@ def run_in_parts(
         Where the result is written, in the shape and type of the image. None means a new array.
     guide, progress, run
         As the options of :func:`run_plan`.
+
+    Raises
+    ------
+    Interrupted
+        With the whole image; parts that are not begun are those of the noisy image.
     """
     if raster.thin_axes:
 
@@ -227,7 +232,13 @@ def run_in_parts(
             done(i)
             part = Raster(raster.cells[tile.wide], None if raster.inside is None else raster.inside[tile.wide], -1)
             beside = None if compared is None else compared[tile.wide]
-            target[tile.own], result = run_part(part_of(plan, raster.shape, tile), part, tile, beside, **run)
+            try:
+                target[tile.own], result = run_part(part_of(plan, raster.shape, tile), part, tile, beside, **run)
+            except Interrupted as interruption:
+                target[tile.own] = interruption.result.value[tile.inner]
+                for later in tiles[i + 1 :]:
+                    target[later.own] = raster.cells[later.own]
+                raise Interrupted(replace(interruption.result, value=value)) from None
             results.append(result)
         done(len(tiles))
     return replace(joined(results), value=value)

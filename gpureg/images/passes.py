@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -53,8 +54,8 @@ class PatchPass:
         return self.form(0.0).reach
 
     def beyond(self, *, masked: bool) -> tuple[int, ...]:
-        """Return :attr:`reach`; where a mask leaves cells out, they take values up to a patch's diagonal away."""
-        return tuple(r + 2 * p * masked for r, p in zip(self.reach, self.patch_radius, strict=True))
+        """Return :attr:`reach`; where a mask leaves cells out, they take values up to half a patch's diagonal away."""
+        return tuple(reach + masked * math.isqrt(sum(r**2 for r in self.patch_radius)) for reach in self.reach)
 
     @property
     def block(self) -> tuple[int, ...]:

@@ -75,11 +75,17 @@ def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Pre
         pixels = pixels / np.asarray(plan.units, pixels.dtype)
     inside = raster.inside
     if plan.flat_side and plan.max_iter > 0:
-        each = (large_flat_areas(raster.cells[..., i], inside, plan.flat_side) for i in range(raster.channels))
-        flat = np.logical_and.reduce(list(each))
-        if flat.any() and not flat.all():
+        flat = flat_in_all(raster, plan.flat_side)
+        if flat.any():
             inside = ~flat if inside is None else inside & ~flat
     return Prepared(plan, pixels, inside, count, profile if plan.passes else None)
+
+
+def flat_in_all(raster: Raster, side: int) -> npt.NDArray[np.bool_]:
+    """Return the cells in areas of equal values of this side, in all channels."""
+    each = (large_flat_areas(raster.cells[..., i], raster.inside, side) for i in range(raster.channels))
+    found: npt.NDArray[np.bool_] = np.logical_and.reduce(list(each))
+    return found
 
 
 def replaced(

@@ -191,6 +191,9 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         # the default solver is damped where lam = 0, but a single sweep cannot oscillate
         more["solver"] = replace(cast("Jacobi", resolve(more["solver"])), damping=1)
     kind = raster.chosen_type(asked["dtype"])
+    if plan.flat_side and ready.inside is not None and not ready.inside.any():
+        # a part inside of such an area
+        return _nothing_done(raster, asked, begin)
     raster = replace(raster, inside=ready.inside)
     with _converted(raster, ready.back):
         result = solve(

@@ -11,6 +11,7 @@ from small_passes import with_small_passes
 
 import gpureg as gr
 from gpureg.images import parts
+from gpureg.images.passes import PatchPass
 from gpureg.images.raster import Raster
 
 HOST = {"solver": "jacobi", "backend": "numpy", "dtype": np.dtype(np.float32)}
@@ -134,3 +135,27 @@ def test_impulses_are_samples_without_data() -> None:
     assert np.std(gr.denoise_image(alone, backend="numpy") - clean) < 0.3 * np.std(alone - clean)
     plan = replace(gr.plan_denoising(hit), impulses=())
     assert "impulses" not in plan.describe()
+
+
+def test_a_part_in_areas_of_equal_values_stays_as_it_is() -> None:
+    """The whole leaves these areas out: a part that has nothing else does not smooth the step between two of them."""
+    image = np.full((90, 80), 100.0)
+    image[:, :40] = 104
+    image[:30] = (scene() + rng(1).normal(0, 15, (144, 160)))[:30, :80]
+    plan = with_small_passes(gr.plan_denoising(image, sigma=15, radius=3))
+    assert plan.flat_side
+    whole, part = (gr.run_plan(plan, part, backend="numpy").value for part in (image, image[40:]))
+    assert np.array_equal(part, whole[40:])
+
+
+def test_an_image_of_equal_values_alone_is_denoised() -> None:
+    step = np.where(np.arange(40) < 20, 100.0, 104.0) * np.ones((40, 1))
+    assert gr.plan_denoising(step, sigma=15).flat_side == 0
+    value = gr.denoise_image(step, sigma=15, radius=3, backend="numpy", passes=1)
+    assert np.ptp(value[:, 19:21]) < 2
+
+
+def test_the_halo_of_a_pass_holds_the_nearest_pixel_inside_a_mask() -> None:
+    """A cell in the corner of a patch, (1, 2, 2) from its middle, takes a value up to 3 away along any axis."""
+    one = PatchPass((1, 2, 2), (7, 7, 7), (3, 4, 4), 40, 64)
+    assert np.subtract(one.beyond(masked=True), one.beyond(masked=False)).tolist() == [3, 3, 3]

@@ -12,9 +12,10 @@ from small_passes import with_small_passes
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.images import run
+from gpureg.images import parts, run
 from gpureg.images.prepare import relative_noise
 from gpureg.images.raster import Raster
+from gpureg.regularization.tiling import cut
 
 HOST = {"backend": "numpy", "dtype": "float64"}
 # Three implementations of one sum in float64, of values up to 255: a few hundred roundings of 255 * 2^-53.
@@ -247,6 +248,31 @@ def test_a_run_that_is_stopped_returns_the_filter(monkeypatch):
     with pytest.raises(gr.Interrupted) as caught:
         gr.run_plan(plan, image, **HOST)
     assert np.array_equal(caught.value.result.value, gr.run_plan(replace(plan, passes=()), image, **HOST).value)
+
+
+def test_a_run_in_parts_that_is_stopped_returns_the_whole_image(monkeypatch):
+    """The parts that are done, the filter's result in the one that was begun, and the image in the others."""
+    image = noisy(15.0)
+    plan = plan_of(image, sigma=15.0)
+    tiles = cut(image.shape, (20, 22), (8, 8), (1, 1))
+    monkeypatch.setattr(parts, "tiles_of", lambda *args, **options: tiles)
+    raster = Raster.of(image)
+    done = parts.run_in_parts(plan, raster, **HOST).value
+    filtered = parts.run_in_parts(replace(plan, passes=()), raster, **HOST).value
+    made = iter([run.after_passes])
+
+    def interrupt(*args, **options):
+        for make in made:
+            return make(*args, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "after_passes", interrupt)
+    with pytest.raises(gr.Interrupted) as caught:
+        parts.run_in_parts(plan, raster, **HOST)
+    expected = image.copy()
+    for tile, of in zip(tiles[:2], (done, filtered), strict=True):
+        expected[tile.own] = of[tile.own]
+    assert np.array_equal(caught.value.result.value, expected)
 
 
 @pytest.mark.parametrize("sigma", [1e-25, 1e25])
