@@ -80,6 +80,21 @@ class PatchGroups:
     def __repr__(self) -> str:
         return f"PatchGroups(shape={self.shape}, {len(self.references)} groups, {len(self.indices)} members)"
 
+    def __copy__(self) -> PatchGroups:
+        """Return the groups themselves, which do not change."""
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> PatchGroups:
+        """Return the groups themselves, which do not change."""
+        return self
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Raise a TypeError: the groups are in the memory of a device."""
+        raise TypeError(
+            "PatchGroups cannot be pickled, because a device holds them: keep to_scipy(), or call gpureg.patch_groups "
+            "again"
+        )
+
     def to_scipy(self) -> csr_array:
         """Return the members as a matrix of ones, (n_references, n_pixels)."""
         from scipy import sparse

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import paper_groups
 import pytest
@@ -303,3 +306,10 @@ WRONG = [
 def test_a_wrong_argument_gets_a_sentence(call, error, said):
     with pytest.raises(error, match=said):
         call()
+
+
+def test_groups_are_copied_but_not_pickled():
+    groups = gr.patch_groups(blocks()[1], **SMALL, **HOST)
+    assert copy.copy(groups) is groups and copy.deepcopy([groups])[0] is groups
+    with pytest.raises(TypeError, match=r"PatchGroups cannot be pickled, .* call gpureg.patch_groups again"):
+        pickle.dumps(groups)
