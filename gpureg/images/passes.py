@@ -133,7 +133,7 @@ def _picture(step: int) -> tuple[PatchPass, ...]:
     pass's noise in smooth areas, 0.5 dB at sigma 40 on a picture of a cell.
     """
     return (
-        PatchPass((2, 2), (19, 19), (step,) * 2, 25, 64),
+        PatchPass((2, 2), (19, 19), (step,) * 2, 25, 48),
         PatchPass((3, 3), (19, 19), (step,) * 2, 45, 128),
     )
 
