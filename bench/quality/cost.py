@@ -168,7 +168,7 @@ def draw(rows: Sequence[Row], run: str, about: dict[str, Any], path: Path) -> No
         axes.set_title(f"{panel.group}: {scenes}, sigma {panel.sigma:g} of 255", fontsize=11, loc="left")
         axes.autoscale_view()
         _label(axes, panel.points)
-    told = "ours told nothing; BM3D, BM4D told sigma; scikit-image's filters told sigma and tuned by the true PSNR"
+    told = "gpureg without parameters; BM3D, BM4D with the true sigma; scikit-image with it, tuned by the true PSNR"
     figure.suptitle(f"{told}\n{about['cpu']}, {about['cores']} cores, {about['date'][:10]}", fontsize=9)
     figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -5,8 +5,8 @@ gain, read noise and offset, BM3D at sigma 1, and the closed form of the exact u
 "Optimal inversion of the generalized Anscombe transformation for Poisson-Gaussian noise", IEEE TIP 22(1), 2013). A
 volume goes through BM4D, and plane by plane through BM3D.
 
-A noisy picture saved as JPEG: the recipe is the best of several sigmas by the true PSNR. Ours are told nothing, where a
-row does not say otherwise.
+A noisy picture saved as JPEG: the recipe is the best of several sigmas by the true PSNR. gpureg runs without
+parameters, unless a row says otherwise.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ def draw(inputs: Inputs) -> Drawn:
         two, near, far = (row["psnr"] for row in rows)
         see = (
             f"PSNR goes from {psnr(noisy, clean.pixels)} to {far} dB. p = 2 with the same weights "
-            f"reaches {two} dB, p = {P} on the four nearest pixels {near} dB; denoise_image, which is told nothing, "
+            f"reaches {two} dB, p = {P} on the four nearest pixels {near} dB; denoise_image without parameters "
             f"{numbers['psnr of denoise_image']} dB."
         )
     else:

@@ -6,7 +6,7 @@
  *   r(v) = S (C + S)^-1 (a(v) - m)          a(v) - b(v) if trace C > worst min S
  *   out(x) = f0(x) - (sum of r over all patches of all groups that cover x) / (number of these patches)
  *
- * One work item: the groups of one block of references, one after the other. It adds to `sums` and `counts`, so blocks
+ * One work item: the groups of one block of references, one after the other. It adds to `sums` and `uses`, so blocks
  * that write the same cells do not run at the same time: there is one launch for each parity of the block's number along
  * each axis, and two blocks of one launch have a block between them. So no atomics are needed, and every cell is summed
  * in the same order, also in a part of a grid.

@@ -7,10 +7,11 @@
  * are spread evenly over the window, not the nearest, which are alike only because their noise is.
  *
  * One work item: one reference. It computes the distances of the window, row by row in packs of N; cells outside the
- * grid or its mask have distance infinity. The n-th smallest is found by bisection on the bits of a number, which are in
- * the order of the numbers for those >= 0: each step counts the distances up to a bound. It ends with the number n, or
- * where several distances are equal after at most as many steps as a number has bits.
- * Arithmetic per reference: 3 M (2 WZ + 1)(2 WY + 1) times the packs of a row per channel, then about 20 comparisons per
+ * grid or its mask have distance infinity. The n-th smallest is found on the bits of a number, which are in the order of
+ * the numbers for those >= 0: each step counts the distances up to a bound between two others, by halves and by the
+ * counts at both ends in turn. It ends at a bound with n distances, or, where several distances are equal, after at
+ * most twice as many steps as a number has bits.
+ * Arithmetic per reference: 3 M (2 WZ + 1)(2 WY + 1) times the packs of a row per channel, then about 10 comparisons per
  * pack. Traffic per reference: the window and its patches from the cache; writes MOST + 1 numbers of 2 and 4 bytes.
  */
 #include "lattice.cl"

@@ -15,7 +15,6 @@ from guards import guarded
 from literal import assert_close
 from numpy.testing import assert_array_equal
 
-from gpureg.backends import BackendUnavailable
 from gpureg.backends.groups import GroupForm
 from gpureg.backends.numpy import groups as numpy_groups
 from gpureg.graphs.grid import GridGraph
@@ -211,15 +210,8 @@ OFF = {"float32": 5e-6, "float64": 1e-14}
 
 
 def grouping(device: str, dtype: str) -> Any:
-    """The backend of a device between guards; one without these kernels yet skips."""
-    backend = guarded(on(device, dtype))
-    try:
-        backend.patch_groups(GridGraph((3, 2)), np.zeros((6, 1)), PLANE)
-    except BackendUnavailable as error:
-        if str(error) != "groups of patches":
-            raise
-        pytest.skip(f"{device}: {error}")
-    return backend
+    """The backend of a device between guards."""
+    return guarded(on(device, dtype))
 
 
 def check(case: Case, backend: Any, oracle: Any) -> None:

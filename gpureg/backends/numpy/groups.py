@@ -31,11 +31,12 @@ class NumpyGroups(GroupPrimitives):
         limit = np.full(len(references), form.flat * form.cells * len(planes))
         if level is not None:
             limit = limit * level[references]
+        wide = np.pad(planes, [(0, 0), *((w, w) for w in form.window)])
         lattice = form.lattice(graph.shape)
         row = math.prod(map(len, lattice[1:]))
         for band in _bands(len(lattice[0]), row * form.places):
             those = slice(band.start * row, band.stop * row)
-            distance = _distances(graph, planes, form, (lattice[0][band], *lattice[1:]))
+            distance = _distances(graph, planes, wide, form, (lattice[0][band], *lattice[1:]))
             members[those], sizes[those] = _members(distance, limit[those].astype(self.dtype), form)
         if graph.mask is not None:
             outside = ~graph.mask.ravel()[references]
@@ -92,13 +93,15 @@ class NumpyGroups(GroupPrimitives):
         return np.ascontiguousarray(np.moveaxis(value[:, *inner], 0, -1).reshape(-1, channels))
 
 
-def _distances(graph: GridGraph, planes: FloatArray, form: GroupForm, lattice: tuple[IntArray, ...]) -> FloatArray:
+def _distances(
+    graph: GridGraph, planes: FloatArray, wide: FloatArray, form: GroupForm, lattice: tuple[IntArray, ...]
+) -> FloatArray:
     """Compute the squared differences of patches, (references, places), for references at these positions.
 
-    For each place of the window, squared differences of cells are summed over the patches of the references alone.
+    `wide` are the planes, padded by the window. For each place of the window, squared differences of cells are summed
+    over the patches of the references alone.
     Infinity for places outside the grid or its mask.
     """
-    wide = np.pad(planes, [(0, 0), *((w, w) for w in form.window)])
     first, last = int(lattice[0][0]), int(lattice[0][-1]) + 2 * form.patch[0] + 1
     count = math.prod(map(len, lattice))
     distance = np.full((count, form.places), np.inf, planes.dtype)

@@ -15,7 +15,6 @@ from ...arrays import FloatArray
 from ...graphs.grid import GridGraph
 from ..groups import GroupForm, Groups, group_planes, largest_trace
 from ..types import Array, BackendUnavailable
-from .buffers import Function
 from .geometry import GridGeometry, round_up
 from .group_tiles import GroupTiles
 from .launching import OpenCLLaunches
@@ -200,7 +199,7 @@ class OpenCLGroups(OpenCLLaunches):
         cells = _CELLS if self.device.kind == "gpu" else 1
         size = (-(-graph.shape[-1] // (lattice.lanes * cells)), math.prod(graph.shape[:-1]))
         self._on_lattice("group_step", (*lattice.options(), "-DMEAN", f"-DCELLS={cells}"), args, size, cells)
-        return Function(out.buffer, channels)
+        return out
 
     def _add_blocks(self, lattice: _Lattice, channels: int, of_groups: list[Any]) -> None:
         """Add the changes of all groups, a block of references per work item."""
