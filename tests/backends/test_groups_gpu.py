@@ -1,4 +1,4 @@
-"""Groups of patches as a GPU takes them, one work group a reference, on the first OpenCL driver."""
+"""Groups of patches as a GPU takes them, one work group a reference, on one OpenCL driver."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from test_groups_of_patches import PLANE, Case, check, groups_of, stepped
 from gpureg import backends
 from gpureg.backends.groups import GroupForm
 from gpureg.graphs.grid import GridGraph
+
+# a driver for CPUs takes long to compile kernels with barriers
+pytestmark = pytest.mark.one_driver
 
 # Runs of one place and of several, one and several of them a work item; as many groups as have too many members.
 WIDE = GroupForm((1, 1, 1), (5, 6, 2), (3, 3, 3), 10, 16, 0.5)
@@ -37,8 +40,8 @@ def gpu(monkeypatch: pytest.MonkeyPatch, device: str) -> Any:
 
     Without optimisation, as a driver for CPUs takes 15 seconds to make loops of all work items between two barriers.
     """
-    if device != "opencl:0":
-        pytest.skip("work groups are OpenCL's, and one driver is enough for kernels that no CPU runs otherwise")
+    if not device.startswith("opencl"):
+        pytest.skip("work groups are OpenCL's")
 
     def make(dtype: str) -> Any:
         backend = as_gpu(device, dtype, monkeypatch)
@@ -59,11 +62,10 @@ def test_groups_and_step(gpu, oracle, case):
     assert {"patch_groups_gpu", "group_step_gpu", "group_gather"} <= built(backend)
 
 
-@pytest.mark.one_driver
 def test_little_noise(gpu, oracle):
     """C is 10^6 times as large as S: as for the other kernels, off by a hundredth of the noise at most.
 
-    Measured: 9e-4 of it. Where float32 cannot tell C + S from a singular matrix, the change leads to the guide: numpy
+    Measured: 1.8e-3 of it. Where float32 cannot tell C + S from a singular matrix, the change leads to the guide: numpy
     in the same type, by a few roundings of 1.
     """
     case, backend = CASES[0], gpu("float32")
@@ -78,7 +80,6 @@ def test_little_noise(gpu, oracle):
     assert off(2.0**-16, backends.get("numpy", "float32")) <= 8 * 2.0**-24 < off(2.0**-16, oracle)
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("case", [CASES[1], CASES[3]], ids=lambda case: case.id)
 def test_ranges_of_references_give_the_same_bits(gpu, monkeypatch, case):
     """One reference a launch, or five, which begin anywhere in a row of them."""
@@ -93,7 +94,6 @@ def test_ranges_of_references_give_the_same_bits(gpu, monkeypatch, case):
         assert stepped(case, backend, groups).tobytes() == whole.tobytes()
 
 
-@pytest.mark.one_driver
 def test_a_part_has_the_bits_of_the_whole(gpu):
     """A part that begins at any reference, away from where it was cut: there are no blocks."""
     case, backend, begin = Case((45, 38), PLANE, maps=True), gpu("float32"), (8, 4)
