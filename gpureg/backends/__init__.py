@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .dispatch import absent, auto, devices, get, left_out, names, why_auto
+from .dispatch import Chosen, absent, auto, devices, get, left_out, names, several, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
@@ -14,6 +14,7 @@ __all__ = [
     "Array",
     "Backend",
     "BackendUnavailable",
+    "Chosen",
     "Conductance",
     "Device",
     "GroupForm",
@@ -30,5 +31,6 @@ __all__ = [
     "left_out",
     "names",
     "over_patches",
+    "several",
     "why_auto",
 ]

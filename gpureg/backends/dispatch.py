@@ -10,7 +10,7 @@ import functools
 import importlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,7 +151,7 @@ def _find(name: str, dtype: npt.DTypeLike) -> Device:
     family, _, rest = name.partition(":")
     if family not in _BACKENDS:
         raise ValueError(
-            f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, or a name from `gpureg backends`"
+            f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, all, or a name from `gpureg backends`"
         )
     probe = _probe(family)
     if probe.problem is not None:
@@ -182,14 +182,56 @@ def _make(device: Device, dtype: np.dtype[np.floating]) -> Backend:
     return backend
 
 
-def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
+Chosen = str | Sequence[str]
+"""What `backend` may be: a name, or names of devices."""
+
+
+def several(names: Chosen, dtype: npt.DTypeLike = np.float32) -> tuple[Backend, ...]:
+    """Return the backends of these names, one or more, for work that devices can share.
+
+    Parameters
+    ----------
+    names : str or sequence of str, default "auto"
+        A name as for :func:`get`. A sequence of names; a device may be in it twice. "all": all devices of the kind that
+        "auto" takes, such as all GPUs through CUDA with memory of their own; a CPU counts once, whatever its drivers.
+    dtype : dtype, default float32
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable
+        As :func:`get`; no name at all.
+    """
+    if isinstance(names, str) and (names != "all" or _forced()):
+        return (get("auto" if names == "all" else names, dtype),)
+    if isinstance(names, str):
+        first = get("auto", dtype)
+        return tuple(_make(device, first.dtype) for device in _alike(first.device, first.dtype))
+    if not isinstance(names, Sequence) or not names:
+        raise TypeError(f"backend must be a name, or a list of names of devices, got {names!r}")
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"backend must be a name, or a list of names of devices, got {list(names)!r}")
+    return tuple(one for name in names for one in several(name, dtype))
+
+
+def _alike(first: Device, dtype: npt.DTypeLike) -> list[Device]:
+    """Return the devices that share work with the one that "auto" takes, which is the first."""
+    if first.kind == "cpu":
+        return [first]
+    wide = np.dtype(dtype) == np.float64
+    able = [one for one in _probe(first.backend).devices if one.float64 or not wide]
+    able = [one for one in able if one.rank[:2] == first.rank[:2] and failures.why_not(one, dtype) is None]
+    return sorted(able, key=lambda one: one.rank)
+
+
+def get(name: Chosen = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     """Return the backend of this name; one object per device and type.
 
     Parameters
     ----------
-    name : str, default "auto"
+    name : str or sequence of str, default "auto"
         "auto", a backend ("numpy", "opencl", "warp") or one of its devices ("opencl:1", "warp:cuda:0"). The
-        environment variable GPUREG_BACKEND replaces "auto".
+        environment variable GPUREG_BACKEND replaces "auto". Of "all" and of several names the first device, see
+        :func:`several`.
     dtype : dtype, default float32
         float32 or float64.
 
@@ -203,8 +245,8 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     kind = np.dtype(dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
-    if not isinstance(name, str):
-        raise TypeError(f"backend must be a name, got {type(name).__name__}")
+    if not isinstance(name, str) or name == "all":
+        return several("auto" if name == "all" else name, kind)[0]
     forced = _forced() if name == "auto" else ""
     if forced:
         try:

@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm, as_weights, lam_numbers
 
-# Share of a CPU's memory that a job may use, as it also contains the data and packed copies; and of what a GPU has free.
+# Share of a CPU's memory that a job may use, as it contains the data and packed copies too; and of what a GPU has free.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
 
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -186,6 +186,18 @@ def memory_needed(
         stored=stored,
     )
     return job.need(graph, backends.get(backend, computed_type(dtype))).total
+
+
+def budget_of(devices: Sequence[Backend], memory: int | None) -> Budget:
+    """Return what a part of a job may use, on whichever of the devices it is; as :func:`budget` for each.
+
+    A device that is there several times has that many parts at a time.
+    """
+    found = []
+    for device in dict.fromkeys(devices):
+        one, times = budget(device, memory), devices.count(device)
+        found.append(Budget(one.total // times, min(one.largest, one.total // times), one.asked))
+    return Budget(min(one.total for one in found), min(one.largest for one in found), any(one.asked for one in found))
 
 
 def budget(backend: Backend, memory: int | None) -> Budget:
