@@ -23,11 +23,12 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
+from ..failures import build_failed
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
 from . import pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
-from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
+from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
 
 # Segments of a long sum: enough to use a whole device, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
@@ -145,7 +146,10 @@ class WarpLaunches(Backend):
         cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
         """Run the kernel that `make` makes for `options` over `dim` work items; `work` is their work in total."""
-        kernel = compiled(self._on.alias, make, *options)
+        try:
+            kernel = compiled(self._on.alias, make, *options)
+        except CompileError as error:
+            raise build_failed(self.device, self.dtype, error.kernel, str(error)) from error
         command = wp.launch(
             kernel,
             dim=dim,
