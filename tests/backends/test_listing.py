@@ -128,6 +128,17 @@ def test_devices_with_a_limit_on_launches(machine, shared: bool, timeout: int | 
     assert found.watched is watched
 
 
+@pytest.mark.parametrize(("told", "free"), [([3 * 2**20, 2**20], 3 * GIB), (None, 8 * GIB), ([2**40], 8 * GIB)])
+def test_the_memory_that_is_free(machine, told: list[int] | None, free: int) -> None:
+    """AMD's drivers tell KiB: of all free memory, and of its largest block."""
+    device = invented("a GPU")
+    if told is not None:
+        device.global_free_memory_amd = told
+    [found] = machine(device)
+    assert isinstance(found, Device)
+    assert listing.free_memory(found) == free
+
+
 @pytest.fixture
 def warp_machine(monkeypatch: pytest.MonkeyPatch):
     """List what Warp would on a machine with these CUDA devices; a device is named by its attributes."""

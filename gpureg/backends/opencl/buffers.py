@@ -22,6 +22,7 @@ from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
 from .failing import raise_if_full
 from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
+from .listing import free_memory
 from .queue import HostBuffer, queue
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
@@ -232,6 +233,10 @@ class OpenCLBuffers(Backend):
     @property
     def largest_buffer(self) -> int:
         return int(self.device.handle.max_mem_alloc_size)
+
+    @property
+    def free_memory(self) -> int:
+        return free_memory(self.device)
 
     def topology_bytes(self, graph: AnyGraph) -> int:
         return 0 if isinstance(graph, GridGraph) else graph.indptr.nbytes + graph.indices.nbytes

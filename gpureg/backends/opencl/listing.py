@@ -69,6 +69,16 @@ def _described(device: cl.Device, i: int) -> Device | LeftOut:
         return LeftOut(found, str(_or(device, "name", "a device")).strip(), _said(error))
 
 
+def free_memory(device: Device) -> int:
+    """Return the bytes that are free, which AMD's drivers tell in KiB; otherwise all bytes of the device."""
+    try:
+        told = device.handle.global_free_memory_amd
+        free = int(told[0] if isinstance(told, list | tuple) else told) * 1024
+    except Exception:  # another driver
+        return device.memory
+    return min(free, device.memory) if free > 0 else device.memory
+
+
 def _kind(device: cl.Device, name: str) -> str | None:
     """Return "gpu" or "cpu"; None for accelerators, such as Intel's emulator of an FPGA, which computes on the CPU."""
     if device.type & cl.device_type.GPU:

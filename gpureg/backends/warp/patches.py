@@ -20,6 +20,7 @@ from ...kernels.warp import (
 )
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
+from . import memory
 from .layout import channels_of
 from .planes import WarpPlanes
 from .pool import PACK_SPEED
@@ -151,7 +152,7 @@ class WarpPatches(WarpPlanes):
             raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
-            weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
             if graph.half_window:
                 compared, offsets = self._function(graph, f), graph.forward_offsets
                 blocks = self._blocks(graph, form.radius, 0, 2)
@@ -181,7 +182,7 @@ class WarpPatches(WarpPlanes):
             None if form.spatial is None else self._upload_reals(form.spatial),
             None if form.maps is None else self._upload_reals(form.maps.ravel()),
         ]
-        weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+        weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
         options = (bare.access, m, similarity, form.spatial is not None, form.maps is not None)
         self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)

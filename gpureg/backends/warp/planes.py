@@ -12,6 +12,7 @@ import warp as wp
 
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import padded
+from . import memory
 from .launching import WarpLaunches
 
 
@@ -49,7 +50,7 @@ class WarpPlanes(WarpLaunches):
             function = self._function(graph, f)
             channels, values = self.channels(function), self._numbers(function)
         axes = np.array([graph.shape, radius, before, shape, row_major(graph.shape)], np.int32)
-        out = wp.empty(channels * math.prod(shape), dtype=self.real, device=self._on)
+        out = memory.empty(channels * math.prod(shape), dtype=self.real, device=self._on)
         rows, width, lines = math.prod(shape[:-1]), shape[-1], bool(self._on.is_cpu)
         inputs = [values, self.upload(axes.ravel(), wp.int32), graph.n_vertices, reflects, width]
         dim = (rows, 1 if lines else width)
