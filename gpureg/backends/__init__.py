@@ -7,6 +7,7 @@ from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
+from .recorded import Recorded, in_turns
 from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "GroupForm",
     "Groups",
     "PatchForm",
+    "Recorded",
     "Smoothness",
     "Storage",
     "Weighted",
@@ -26,6 +28,7 @@ __all__ = [
     "auto",
     "devices",
     "get",
+    "in_turns",
     "names",
     "over_patches",
     "why_auto",

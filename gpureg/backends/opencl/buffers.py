@@ -22,6 +22,7 @@ from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
 from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .queue import HostBuffer, queue
+from .recording import Record
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
@@ -78,6 +79,8 @@ class OpenCLBuffers(Backend):
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._scratch_memory: cl.Buffer = None
+        # The launches of recorded work, while recording.
+        self._record: Record | None = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:
