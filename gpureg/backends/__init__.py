@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .dispatch import absent, auto, devices, get, names, why_auto
+from .dispatch import absent, auto, devices, get, left_out, names, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
 from .recorded import Recorded, in_turns
-from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
+from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
     "BALL_ROUNDINGS",
@@ -19,6 +19,7 @@ __all__ = [
     "Device",
     "GroupForm",
     "Groups",
+    "LeftOut",
     "PatchForm",
     "Recorded",
     "Smoothness",
@@ -29,6 +30,7 @@ __all__ = [
     "devices",
     "get",
     "in_turns",
+    "left_out",
     "names",
     "over_patches",
     "why_auto",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
+from .failing import raise_if_full
 from .queue import KernelKey, Queue
 
 
@@ -55,8 +56,12 @@ class Record:
 
     def replay(self, *numbers: float) -> None:
         """Launch all, with these numbers as the parameters."""
-        for setter, at, number in self._varying:
-            setter(at, self._real(numbers[number]))
         queue, enqueue = self._queue, cl.enqueue_nd_range_kernel
-        for kernel, size, local in self._launches:
-            enqueue(queue, kernel, size, local)
+        try:
+            for setter, at, number in self._varying:
+                setter(at, self._real(numbers[number]))
+            for kernel, size, local in self._launches:
+                enqueue(queue, kernel, size, local)
+        except cl.Error as error:
+            raise_if_full(self._shared.context.devices[0], error)
+            raise
