@@ -91,6 +91,7 @@ def test_weights_in_float16(device, case):
     assert not far(everything(backend, graph, weighted, case.channels, few), expected, dtype)
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize("case", BILATERAL, ids=lambda case: case.id)
 def test_weights_that_are_computed_at_each_use(device, case):
     """What is made of them is what the stored weights give."""
@@ -104,6 +105,7 @@ def test_weights_that_are_computed_at_each_use(device, case):
     assert not far(everything(backend, graph, weighted, case.channels, few), expected, dtype)
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize("p", [1.0, 1.5, 2.0])
 def test_the_stated_error_of_a_sweep(device, p):
     """(2 + |p - 2|) 2^-11 of the range at most: the docstring of gpureg.weights.half."""
@@ -121,6 +123,7 @@ def test_the_stated_error_of_a_sweep(device, p):
 both_ways = pytest.mark.parametrize("held", ["half", "recomputed"])
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize(("held", "limit"), [("half", 1e-2), ("recomputed", 1e-5)])
 def test_through_the_doors(device, held, limit):
     """regularize with a guide, in tiles, and denoise_image take such weights; a bare job says what is missing."""
@@ -144,6 +147,7 @@ def test_through_the_doors(device, held, limit):
     assert np.isfinite(gr.denoise_image(image, p=1, lam=2.0, radius=2, weights=weights, backend=device)).all()
 
 
+@pytest.mark.one_driver
 def test_memory_is_saved_where_it_is_promised(device):
     grid = gr.GridGraph((64, 64), 8)
     plain = gr.weights.bilateral(4.0, 0.5)
