@@ -12,12 +12,12 @@ import pyopencl as cl
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
-from .duality import OpenCLDuality
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
 from .layout import GridLayout
 from .patches import OpenCLPatches
 from .queue import vector_width
+from .sums import OpenCLSums
 from .zones import OpenCLZones
 
 GPU_TIER, CPU_TIER = 1, 2
@@ -60,7 +60,7 @@ def devices() -> list[Device]:
     return described
 
 
-class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
@@ -167,13 +167,6 @@ class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
         taus, tau_options = self._number(tau, "-DTAU_ARRAY")
         args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
         self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps) ** 2]
-        norm = ("-DEDGE_NORM",) if model.edge else ()
-        options = (f"-DM={f.channels}", f"-DG={model.norms(f.channels)}", *lam_options, *norm)
-        return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

@@ -17,7 +17,6 @@ from ...kernels.warp import (
     adjoint,
     degree,
     difference,
-    energy,
     euler_step,
     gradient_norm,
     jacobi_step,
@@ -27,11 +26,11 @@ from ..numpy import primitives as host
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from . import pool
-from .duality import WarpDuality
 from .groups import WarpGroups
 from .layout import channels_of
 from .patches import WarpPatches
 from .pool import launch_all, quiet
+from .sums import WarpSums
 from .zones import WarpZones
 
 CUDA_TIER, CPU_TIER = 0, 3
@@ -91,7 +90,7 @@ def devices() -> list[Device]:
     return sorted(described, key=lambda device: device.rank)
 
 
-class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpSums, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
@@ -156,13 +155,6 @@ class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
         options, conductance = self._conductance(g, M)
         arrays = (isinstance(lam, wp.array), isinstance(tau, wp.array))
         self._run(euler_step.make, weighted, (M, *options, *arrays), [f, f0, *conductance, lam, tau], out)
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        bound, M = weighted.topology, channels_of(f)
-        options = (bound.access, M, model.norms(M), model.edge, isinstance(lam, wp.array))
-        inputs = [bound.argument, f, f0, lam, model.p, self._squared(model.eps)]
-        layout = bound.layout
-        return float(self._partial(energy.make, layout.shape, options, inputs, wp.float64, layout.work).sum())
 
     def sweep(
         self,
