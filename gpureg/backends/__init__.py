@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from .dispatch import absent, auto, devices, get, names, why_auto
+from .dispatch import absent, auto, devices, get, left_out, names, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
-from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
+from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
     "BALL_ROUNDINGS",
@@ -18,6 +18,7 @@ __all__ = [
     "Device",
     "GroupForm",
     "Groups",
+    "LeftOut",
     "PatchForm",
     "Smoothness",
     "Storage",
@@ -26,6 +27,7 @@ __all__ = [
     "auto",
     "devices",
     "get",
+    "left_out",
     "names",
     "over_patches",
     "why_auto",

@@ -104,6 +104,11 @@ class Data(ABC):
         """Bytes of the largest array that can be allocated."""
         return self.device.memory
 
+    @property
+    def free_memory(self) -> int:
+        """Bytes that are free on the device now; all bytes where its driver does not tell."""
+        return self.device.memory
+
     @abstractmethod
     def topology_bytes(self, graph: AnyGraph) -> int:
         """Return the bytes of the graph without weights; about 0 for a grid."""

@@ -12,9 +12,11 @@ import pyopencl as cl
 
 from ... import kernels
 from ...graphs.grid import GridGraph
+from ..failures import build_failed
 from ..patches import PatchForm
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
+from .failing import built, raise_if_full
 from .geometry import round_up
 from .layout import GridLayout
 from .strips import Strips
@@ -35,7 +37,11 @@ class OpenCLLaunches(OpenCLBuffers):
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
-            program = cl.Program(self._shared.context, source).build(options=list(key[1]))
+            try:
+                program = built(self._shared.context, source, list(key[1]))
+            except cl.Error as error:
+                raise_if_full(self.device.handle, error)
+                raise build_failed(self.device, self.dtype, primitive, str(error)) from error
             found = self._shared.kernels[key] = program.all_kernels()[0]
             # Without the types, pyopencl guesses that of each scalar: 0.15 ms per launch instead of 0.02.
             found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])

@@ -23,11 +23,12 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
+from ..failures import build_failed
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
-from . import pool
+from . import memory, pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
-from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
+from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
 
 
 class WarpLaunches(Backend):
@@ -51,7 +52,7 @@ class WarpLaunches(Backend):
             values = np.zeros(tuple(max(size, 1) for size in values.shape), values.dtype)
         # Without a shape, Warp removes one axis too many from an array of size 1 on every axis.
         shape = values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))]
-        return wp.array(np.ascontiguousarray(values), dtype=dtype, shape=shape, device=self._on)
+        return memory.copied(np.ascontiguousarray(values), dtype=dtype, shape=shape, device=self._on)
 
     def _upload_reals(self, values: npt.NDArray[Any]) -> Any:
         return self.upload(values.astype(self.dtype, copy=False), self.real)
@@ -84,7 +85,7 @@ class WarpLaunches(Backend):
         return np.array(x.numpy()).reshape(graph.n_vertices, channels_of(x))
 
     def empty(self, graph: AnyGraph, channels: int) -> Array:
-        return wp.zeros(self._layout(graph).shape, dtype=reals.vector(self.real, channels), device=self._on)
+        return memory.zeros(self._layout(graph).shape, dtype=reals.vector(self.real, channels), device=self._on)
 
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         weights = host_weights(graph, weights)
@@ -112,9 +113,13 @@ class WarpLaunches(Backend):
 
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
         shape = tuple(max(size, 1) for size in self._layout(graph).edge_shape())
-        return wp.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
+        return memory.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
 
     # Sizes
+
+    @property
+    def free_memory(self) -> int:
+        return min(int(self._on.free_memory), self.device.memory) if self._on.is_cuda else self.device.memory
 
     def topology_bytes(self, graph: AnyGraph) -> int:
         return 0 if isinstance(graph, GridGraph) else 4 * (graph.n_vertices + 1 + graph.n_edges)
@@ -142,7 +147,10 @@ class WarpLaunches(Backend):
         cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
         """Run the kernel that `make` makes for `options` over `dim` work items; `work` is their work in total."""
-        kernel = compiled(self._on.alias, make, *options)
+        try:
+            kernel = compiled(self._on.alias, make, *options)
+        except CompileError as error:
+            raise build_failed(self.device, self.dtype, error.kernel, str(error)) from error
         command = wp.launch(
             kernel,
             dim=dim,

@@ -20,6 +20,7 @@ from ...kernels.warp import (
 )
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines, reflected
 from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
+from . import memory
 from .launching import WarpLaunches
 from .layout import channels_of
 from .pool import PACK_SPEED
@@ -114,7 +115,7 @@ class WarpPatches(WarpLaunches):
             raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
-            weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
             if graph.half_window:
                 self._launch_strips(patch_distance.make_grid, graph, f, form, False, (similarity,), [], weights)
             return self._bind(graph, weights)
@@ -138,7 +139,7 @@ class WarpPatches(WarpLaunches):
             None if form.spatial is None else self._upload_reals(form.spatial),
             None if form.maps is None else self._upload_reals(form.maps.ravel()),
         ]
-        weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+        weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
         options = (bare.access, m, similarity, form.spatial is not None, form.maps is not None)
         self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
-import os
-import tempfile
 import weakref
-from collections.abc import Iterator
 from typing import Any
 
 import numpy.typing as npt
@@ -22,72 +18,21 @@ from ...kernels.warp import (
     jacobi_step,
     p_laplacian,
 )
-from ..numpy import primitives as host
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from . import pool
 from .groups import WarpGroups
 from .layout import channels_of
+from .listing import devices
 from .patches import WarpPatches
-from .pool import launch_all, quiet
+from .pool import launch_all
 from .sums import WarpSums
 from .zones import WarpZones
 
-CUDA_TIER, CPU_TIER = 0, 3
+__all__ = ["WarpBackend", "devices", "make"]
 
 # Recorded sweeps per weighted graph: two orders of the buffers, times a few values of theta.
 _SWEEPS = 8
-
-_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
-
-
-@contextlib.contextmanager
-def _without_driver_warning() -> Iterator[None]:
-    """Drop the line that Warp's C++ writes to stderr if there is no CUDA driver; Warp has no setting for it."""
-    try:
-        stderr = os.dup(2)
-    except OSError:  # a process without stderr
-        yield
-        return
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-            said.seek(0)
-            for line in said:
-                if _NO_DRIVER not in line:
-                    os.write(2, line)
-
-
-def devices() -> list[Device]:
-    """List all CUDA devices, then the CPU."""
-    with quiet(), _without_driver_warning():
-        wp.init()
-    processor = host.devices()[0]
-    described = []
-    for i, device in enumerate(wp.get_devices()):
-        gpu = bool(device.is_cuda)
-        driver = f"Warp {wp.config.version}"
-        if gpu:
-            driver += ", CUDA {}.{}".format(*wp.get_cuda_driver_version())
-        described.append(
-            Device(
-                backend="warp",
-                id=f"warp:{device.alias}",
-                name=device.name if gpu else processor.name,
-                driver=driver,
-                kind="gpu" if gpu else "cpu",
-                memory=int(device.total_memory) if gpu else processor.memory,
-                vector_width=1,
-                float64=True,
-                rank=(CUDA_TIER if gpu else CPU_TIER, i),
-                handle=device,
-            )
-        )
-    return sorted(described, key=lambda device: device.rank)
 
 
 class WarpBackend(WarpSums, WarpGroups, WarpPatches, WarpZones):

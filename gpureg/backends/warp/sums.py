@@ -15,6 +15,7 @@ from ...kernels.warp import dot, duality_gap, energy, max_change, total
 from ..duality import prox_case
 from ..sums import Number, Numbers
 from ..types import Array, Smoothness, Weighted
+from . import memory
 from .duality import WarpDuality, over_channels
 from .layout import channels_of
 
@@ -88,7 +89,7 @@ class WarpSums(WarpDuality):
         kind, size = largest_of or wp.float64, (shape[0], segments)
         parts = out.numbers.parts.get((size, kind))
         if parts is None:
-            parts = out.numbers.parts[size, kind] = wp.zeros(size, dtype=kind, device=self._on)
+            parts = out.numbers.parts[size, kind] = memory.zeros(size, dtype=kind, device=self._on)
         self._launch(size, make, options, [*inputs, *cut], parts, work=work)
         threads = 1 if self._on.is_cpu else total.GROUP
         second = (kind, largest_of is not None)
