@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm, as_weights, lam_numbers
 
-# Share of a CPU's memory that a job may use, as it also contains the data and packed copies; and of what a GPU has free.
+# Share of a CPU's memory that a job may use, as it also has the data and packed copies; and of what a GPU has free.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
 
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}

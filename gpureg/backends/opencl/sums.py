@@ -92,6 +92,4 @@ class OpenCLSums(OpenCLDuality):
         args = [np.int64(layout.segment), *args, parts]
         self._run(primitive, weighted, args, options, size, exact=True, local=local)
         args = [np.int32(count), parts, np.int32(out.at), out.numbers.values]
-        with self._shared.lock:
-            kernel = self._kernel("total", (f"-DGROUP={group}", *second_stage), args)
-            kernel(self._shared.queue, (group,), (group,), *args)
+        self._launch("total", (f"-DGROUP={group}", *second_stage), args, (group,), (group,))
