@@ -79,7 +79,7 @@ def on_a_driver(case):
     return pytest.param(case, id=case.id, marks=() if case is PATCHES[0] else pytest.mark.one_driver)
 
 
-@pytest.mark.parametrize("case", map(on_a_driver, PATCHES))
+@pytest.mark.parametrize("case", [on_a_driver(case) for case in PATCHES])
 def test_weights_in_float16(device, case):
     """Rounded to the nearest, zeros where they were; what is made of them is what the rounded weights give."""
     dtype = "float64" if case.wide else "float32"
