@@ -2,6 +2,7 @@
 
 A public function (a "door") often calls another one. An error that is raised in the inner one begins with the name of
 the outer one: ``denoise_tv: lam must be finite and >= 0, got -1``. An old parameter name raises an error with the new.
+Arrays of other libraries become numpy arrays here, and results arrays of their kind (:mod:`gpureg.exchange`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, overload
+
+from . import exchange
 
 P = ParamSpec("P")
 D = TypeVar("D")
@@ -80,8 +83,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     Returns
     -------
     callable
-        The function. If a user calls it, messages of TypeError and ValueError begin with its name. A parameter in
-        :data:`RENAMED` raises a TypeError with the new name.
+        The function. If a user calls it, messages of TypeError and ValueError begin with its name, and its arguments
+        may be arrays of other libraries. A parameter in :data:`RENAMED` raises a TypeError with the new name.
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
@@ -104,10 +107,21 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
             if known is not None and old not in known:
                 raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
         if _called.get() is not None:
-            return function(*args, **given)
+            args, given, origin = exchange.taken(signature.parameters, args, given)
+            with exchange.called_with(origin, inner=True):
+                result = function(*args, **given)
+            return result if origin is None else origin.as_came(result)
         token = _called.set(called)
+        origin = None
         try:
-            return function(*args, **given)
+            args, given, origin = exchange.taken(signature.parameters, args, given)
+            with exchange.called_with(origin):
+                result = function(*args, **given)
+            return result if origin is None else origin.as_came(result)
+        except KeyboardInterrupt as interruption:
+            if origin is not None and hasattr(interruption, "result"):
+                interruption.result = origin.as_came(interruption.result)
+            raise
         except (TypeError, ValueError) as error:
             if type(error) in (TypeError, ValueError) and len(error.args) == 1 and not hasattr(error, _THEIRS):
                 said = str(error.args[0])

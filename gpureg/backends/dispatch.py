@@ -12,10 +12,12 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import exchange
 from . import advice
 from .protocol import Backend
 from .types import BackendUnavailable, Device
@@ -107,6 +109,22 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
     return best
 
 
+def _of_the_data(dtype: np.dtype[Any]) -> Device | None:
+    """Return the device on which the data of the call that runs lie, if it computes in `dtype`."""
+    at = exchange.place()
+    if at is None:
+        return None
+    if at.kind == "opencl":
+        found = [device for device in _probe("opencl").devices if device.handle == at.device]
+    else:
+        found = [device for device in _probe("warp").devices if device.id == f"warp:cuda:{at.device}"]
+        if not found:
+            # its data pass through the host
+            nvidia = [device for device in _probe("opencl").devices if device.driver.startswith("NVIDIA")]
+            found = nvidia[at.device : at.device + 1]
+    return next((device for device in found if device.float64 or dtype != np.float64), None)
+
+
 def _forced() -> str:
     """Return the name from GPUREG_BACKEND that replaces "auto", or an empty string."""
     forced = os.environ.get("GPUREG_BACKEND", "").strip()
@@ -163,7 +181,8 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     ----------
     name : str, default "auto"
         "auto", a backend ("numpy", "opencl", "warp") or one of its devices ("opencl:1", "warp:cuda:0"). The
-        environment variable GPUREG_BACKEND replaces "auto".
+        environment variable GPUREG_BACKEND replaces "auto". Otherwise "auto" is the device of the data, if they are an
+        array on a device (:func:`gpureg.exchange.place`).
     dtype : dtype, default float32
         float32 or float64.
 
@@ -185,4 +204,4 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
             return _make(_find(forced, kind), kind)
         except (ValueError, BackendUnavailable) as error:
             raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
-    return _make(auto(kind) if name == "auto" else _find(name, kind), kind)
+    return _make((_of_the_data(kind) or auto(kind)) if name == "auto" else _find(name, kind), kind)
