@@ -6,7 +6,7 @@ An object that contains such arrays, like a result, names the fields in its clas
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -70,13 +70,13 @@ _data: ContextVar[tuple[Origin | None, Origin | None]] = ContextVar("_data", def
 
 
 def taken(
-    names: Iterable[str], args: tuple[Any, ...], given: dict[str, Any]
+    names: tuple[str, ...], args: tuple[Any, ...], given: dict[str, Any]
 ) -> tuple[tuple[Any, ...], dict[str, Any], Origin | None]:
     """Replace arrays of other libraries in the arguments of a call by numpy arrays.
 
     Parameters
     ----------
-    names : iterable of str
+    names : tuple of str
         The names of the parameters, in the order of `args`.
     args, given : tuple, dict
         The arguments by position and by name.
@@ -87,19 +87,49 @@ def taken(
     origin : Origin or None
         The first array among the arguments, if it is one of another library.
     """
-    found, names = _Search(), tuple(names)
+    found = _Search()
     last = len(names) - 1
     args = tuple(found.on_host(x, names[min(k, last)]) for k, x in enumerate(args))
     # the data are the first parameter, also if the caller names them last
     for name in names:
         if name in given and type(given[name]) not in _PLAIN:
-            given[name] = found.on_host(given[name], name)
+            given = {**given, name: found.on_host(given[name], name)}
     return args, given, found.origin
 
 
 def on_host(x: Any, name: str) -> Any:
     """Return an array of another library as a numpy array, a view if possible; anything else unchanged."""
     return _Search().on_host(x, name)
+
+
+def call(
+    function: Callable[..., Any],
+    names: tuple[str, ...],
+    args: tuple[Any, ...],
+    given: dict[str, Any],
+    *,
+    inner: bool = False,
+) -> Any:
+    """Call a function with numpy arrays, and return its result as arrays of the data's library.
+
+    Parameters
+    ----------
+    function : callable
+    names, args, given
+        As for :func:`taken`.
+    inner : bool, default False
+        Whether another public function calls it.
+    """
+    args, given, origin = taken(names, args, given)
+    with called_with(origin, inner=inner):
+        if origin is None:
+            return function(*args, **given)
+        try:
+            return origin.as_came(function(*args, **given))
+        except KeyboardInterrupt as interruption:
+            if hasattr(interruption, "result"):
+                interruption.result = origin.as_came(interruption.result)
+            raise
 
 
 @contextmanager
