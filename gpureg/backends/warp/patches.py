@@ -20,7 +20,7 @@ from ...kernels.warp import (
 )
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines, reflected
 from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
-from .launching import WarpLaunches
+from .cells import WarpCells
 from .layout import channels_of
 from .pool import PACK_SPEED
 
@@ -28,7 +28,7 @@ from .pool import PACK_SPEED
 _STRIP_ROWS, _STRIP_BYTES, _STRIP_SCRATCH = 32, 128, 1 << 15
 
 
-class WarpPatches(WarpLaunches):
+class WarpPatches(WarpCells):
     """Weights computed from patches, and one step with weights that are not stored."""
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
@@ -60,7 +60,7 @@ class WarpPatches(WarpLaunches):
         self,
         make: Callable[..., Any],
         graph: GridGraph,
-        f: FloatArray,
+        f: Array | FloatArray,
         form: PatchForm,
         backward: bool,
         options: tuple[Any, ...],
@@ -68,6 +68,7 @@ class WarpPatches(WarpLaunches):
         out: Any,
     ) -> None:
         """Run a kernel over the strips of ``strip.py``; `backward`: the whole window instead of its forward half."""
+        f = self.on_host(graph, f)
         M, ndim, r, width = f.shape[1], graph.ndim, form.radius, graph.shape[-1]
         height = graph.shape[-2] if ndim > 1 else 1
         N, S = self._strip_width(), 1
@@ -78,7 +79,7 @@ class WarpPatches(WarpLaunches):
         if backward:
             offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
         # Planes of rows with zeros on both sides, as far as the window and a pack reach.
-        padded = reflected(graph, np.asarray(f, self.dtype), r)
+        padded = reflected(graph, f, r)
         left, right = self._guards(offsets, r)
         inside = np.zeros((1, *padded.shape[1:]), self.dtype)
         inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
@@ -109,7 +110,9 @@ class WarpPatches(WarpLaunches):
         options = (self.real, ndim, M, r, maps is not None, *options, N, S)
         self._launch(dim, make, options, [patches, *inputs], out, work=work)
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+    def patch_distance(
+        self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
+    ) -> Weighted:
         if storage != "full":
             raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
@@ -118,7 +121,7 @@ class WarpPatches(WarpLaunches):
             if graph.half_window:
                 self._launch_strips(patch_distance.make_grid, graph, f, form, False, (similarity,), [], weights)
             return self._bind(graph, weights)
-        padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
+        padded, sites = padded_for_patches(graph, self.on_host(graph, f), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         # The lines of the patch along the last axis, as steps in padded rows.
@@ -159,17 +162,18 @@ class WarpPatches(WarpLaunches):
     def similarity_step(
         self,
         graph: GridGraph,
-        f: FloatArray,
+        f: Array | FloatArray,
         form: PatchForm,
         f0: Array,
         lam: float | Array,
         *,
-        guide: FloatArray | None = None,
+        guide: Array | FloatArray | None = None,
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
         if form.scale is None or guide is not None:
             return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
+        f = self.on_host(graph, f)
         out = self.empty(graph, f.shape[1]) if out is None else out
         options = (isinstance(lam, wp.array), largest)
         self._launch_strips(similarity_step.make, graph, f, form, True, options, [f0, lam], out)
