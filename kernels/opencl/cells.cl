@@ -10,6 +10,7 @@
  *   -DCELL=uchar|...   type of the image's numbers; -DHALF_CELLS float16; -DINTEGER_CELLS the type is an integer
  *   -DHELD=float|double  the type that holds the image: quotients and products by units are rounded to it
  *   -DWIDE=float|double  the type of the other arithmetic
+ *   -DOFFSETS          subtract the offsets, or add them; without, they are 0 and not read
  *   -DUNITS            divide by units; without, they are 1 and not read
  */
 #include "reals.cl"
@@ -38,6 +39,12 @@ typedef CELL cell_t;
 #endif
 #endif
 
+#ifdef OFFSETS
+#define OFFSET(c) offset[c]
+#else
+#define OFFSET(c) 0
+#endif
+
 #ifdef OUT
 #define CELLS __global cell_t *
 #define FUNCTION __global const real *
@@ -57,7 +64,7 @@ __kernel void cells(
     const long pitch, /* the layout of functions, see grid.cl */
     const long plane,
     const long guard,
-    __global const WIDE *offset, /* (m,) */
+    __global const WIDE *offset, /* (m,); read with OFFSETS */
     __global const HELD *unit,   /* (m,); read with UNITS */
     const WIDE factor,
     CELLS x,    /* the band of the image */
@@ -69,7 +76,7 @@ __kernel void cells(
     const long u = guard + (first + row) * pitch + column, at = row * row_step + column * cell_step;
     for (int c = 0; c < m; ++c) {
 #ifdef OUT
-        HELD value = (HELD)((WIDE)f[u + c * plane] * factor + offset[c]);
+        HELD value = (HELD)((WIDE)f[u + c * plane] * factor + OFFSET(c));
 #ifdef UNITS
         value *= unit[c];
 #endif
@@ -79,7 +86,7 @@ __kernel void cells(
 #ifdef UNITS
         value /= unit[c];
 #endif
-        f[u + c * plane] = (real)(((WIDE)value - offset[c]) * factor);
+        f[u + c * plane] = (real)(((WIDE)value - OFFSET(c)) * factor);
 #endif
     }
 }

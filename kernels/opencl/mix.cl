@@ -9,7 +9,8 @@
 #include "csr.cl"
 #endif
 
-__kernel void mix(
+/* `mix` is a built-in function of OpenCL C. */
+__kernel void mix_channels(
     GRAPH_ARGS,
     const int m, /* channels of f, and of the result */
     const int m_out,

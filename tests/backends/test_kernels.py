@@ -9,9 +9,9 @@ import pytest
 from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
-PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles"}
+PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile", "padded", "reflected"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile", "reflected"}, {"pack", "lanes"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
 GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
@@ -30,8 +30,8 @@ INCLUDES = {
     "influence_zones": (),
     "gradient": ("conductance.cl", "grid.cl", "csr.cl", "reals.cl"),
 }
-# A kernel whose primitive's name is a built-in function of the language.
-KERNELS = {"dot": "dot_product"}
+# Kernels whose primitive's name is a built-in function of the language.
+KERNELS = {"dot": "dot_product", "mix": "mix_channels"}
 PRIMITIVES = sorted(
     path.stem
     for path in (kernels.folder / "opencl").glob("*.cl")

@@ -100,8 +100,9 @@ class OpenCLCells(OpenCLLaunches):
         at_once = min(geometry.rows, max(1, _BAND_BYTES // (W * m * kind.itemsize)))
         options = (f"-DHELD={_name(held)}", f"-DWIDE={_name(wide)}", *_of_cells(kind))
         options += ("-DUNITS",) if len(units) else ()
+        options += ("-DOFFSETS",) if frame.offset is not None else ()
         options += ("-DOUT",) if back else ()
-        offset = self.upload(np.zeros(m, wide) if frame.offset is None else np.asarray(frame.offset, wide))
+        offset = self._nothing if frame.offset is None else self.upload(np.asarray(frame.offset, wide))
         unit = self.upload(np.asarray(units, held)) if len(units) else self._nothing
         with self._shared.lock:
             band = self._scratch(-(-at_once * W * m * kind.itemsize // self.dtype.itemsize))

@@ -34,18 +34,20 @@ class OpenCLPatches(OpenCLCells):
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
         if not isinstance(graph, GridGraph):
             return (channels * math.prod(padded_shape(graph, radius)) * self.dtype.itemsize,)
-        return self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+        planes = self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+        return (self.function_bytes(graph, channels), *planes)
 
     def _plane_bytes(self, strips: Strips, channels: int) -> tuple[int, ...]:
-        """Return the bytes of the padded planes of all channels, and of the mask."""
+        """Return the bytes of the padded planes of all channels, and of the mask and its plane."""
         plane = strips.plane * self.dtype.itemsize
-        return (channels * plane, *(() if strips.graph.mask is None else (plane,)))
+        mask = () if strips.graph.mask is None else (self.function_bytes(strips.graph, 1), plane)
+        return (channels * plane, *mask)
 
     def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
         strips = self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1 + channels)
         arrays = self._plane_bytes(strips, channels)
         if guide is not None:
-            arrays += self._plane_bytes(strips, guide)[:1]
+            arrays += (self.function_bytes(graph, guide), self._plane_bytes(strips, guide)[0])
         if graph.ndim == 2 and not strips.gpu:
             slots = strips.slots()
             arrays += (slots.ring * slots.blocks * slots.size * self.dtype.itemsize,)

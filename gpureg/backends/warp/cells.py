@@ -15,7 +15,9 @@ from ...frame import AS_GIVEN, Frame
 from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ...kernels.warp import blur, cells, mix
 from ..types import Array
-from .launching import WarpLaunches, channels_of
+from . import memory
+from .launching import WarpLaunches
+from .layout import channels_of
 
 # Bytes of an image that are converted at a time.
 _BAND_BYTES = 1 << 26
@@ -76,19 +78,18 @@ class WarpCells(WarpLaunches):
         planar = m == 1 or np.moveaxis(image, -1, 0).flags.c_contiguous
         flat = np.moveaxis(image, -1, 0).reshape(m, n_rows, W) if planar else image.reshape(1, n_rows, W * m)
         host = np.empty(flat.shape, kind) if back else np.ascontiguousarray(flat, kind)
-        types = (self.real, _TYPES[kind], _TYPES[held], _TYPES[wide], bool(len(units)))
+        types: tuple[Any, ...] = (self.real, _TYPES[kind], _TYPES[held], _TYPES[wide], bool(len(units)))
+        make, options, factor = cells.make_in, types, 1 / frame.scale
         if back:
             limits = (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) if kind.kind in "iu" else None
             make, options, factor = cells.make_out, (*types, limits), frame.scale
-        else:
-            make, options, factor = cells.make_in, types, 1 / frame.scale
         offset = self.upload(np.zeros(m, wide) if frame.offset is None else np.asarray(frame.offset, wide), types[3])
         unit = self.upload(np.asarray(units if len(units) else (1.0,), held), types[2])
         at_once = min(n_rows, max(1, _BAND_BYTES // (W * m * kind.itemsize)))
         for first in range(0, n_rows, at_once):
             rows = min(at_once, n_rows - first)
             chunk = np.ascontiguousarray(host[:, first : first + rows]).ravel()
-            band = wp.empty(len(chunk), dtype=types[1], device=self._on) if back else self.upload(chunk, types[1])
+            band = memory.empty(len(chunk), dtype=types[1], device=self._on) if back else self.upload(chunk, types[1])
             begin = f.ptr + first * W * m * self.dtype.itemsize
             part = wp.array(ptr=begin, dtype=self.real, shape=(rows * W * m,), device=self._on)
             steps = [W, 1, rows * W] if planar else [W * m, m, 1]
