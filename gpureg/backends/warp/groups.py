@@ -13,7 +13,7 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import group_step, patch_groups
 from ...kernels.warp.lanes import LANES
-from ..groups import GroupForm, Groups, largest_trace
+from ..groups import GroupForm, Groups, as_column, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
 from . import memory
@@ -30,9 +30,14 @@ class WarpGroups(WarpPlanes):
     """Groups of patches."""
 
     def patch_groups(
-        self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
+        self,
+        graph: GridGraph,
+        guide: Array | FloatArray,
+        form: GroupForm,
+        *,
+        level: Array | FloatArray | None = None,
     ) -> Groups:
-        compared = self._function(graph, guide)
+        compared = self.on_device(graph, guide)
         channels = self.channels(compared)
         N, lanes, _ = self._team()
         width = 2 * form.window[-1] + 1
@@ -50,7 +55,7 @@ class WarpGroups(WarpPlanes):
         search.g = self._planes(graph, compared, *place)
         search.inside = self._planes(graph, self._mask_function(graph), *place, reflects=False)
         if level is not None:
-            search.level = self._planes(graph, self._column(level), *place, reflects=False)
+            search.level = self._planes(graph, as_column(level), *place, reflects=False)
         search.channels, search.plane, search.pitch = channels, math.prod(shape), shape[-1]
         search.live = self._indices(_live_rows(graph, margins))
         search.centres = self._indices(_centres(graph, references, margins, shape))
@@ -73,9 +78,15 @@ class WarpGroups(WarpPlanes):
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         return np.array(groups.members.numpy()), np.array(groups.sizes.numpy())
 
-    def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
+    def group_step(
+        self,
+        groups: Groups,
+        f0: Array | FloatArray,
+        guide: Array | FloatArray,
+        variance: float | Array | FloatArray,
+    ) -> Array:
         graph, form = groups.graph, groups.form
-        noisy, pilot = (self._function(graph, x) for x in (f0, guide))
+        noisy, pilot = (self.on_device(graph, x) for x in (f0, guide))
         m = self.channels(noisy)
         shape = tuple(size + 2 * r for size, r in zip(graph.shape, form.patch, strict=True))
         place = (form.patch, shape, (0,) * graph.ndim)
@@ -85,7 +96,7 @@ class WarpGroups(WarpPlanes):
         step = group_step.struct(self.real)()
         step.noisy, step.pilot = (self._planes(graph, x, *place) for x in (noisy, pilot))
         if isinstance(variance, wp.array | np.ndarray):
-            step.noise = self._planes(graph, self._column(variance), *place)
+            step.noise = self._planes(graph, as_column(variance), *place)
         else:
             step.variance = float(variance)
         step.worst = largest_trace(self.dtype)
@@ -130,10 +141,6 @@ class WarpGroups(WarpPlanes):
     def _band(self, each: int) -> int:
         """Return how many work items a launch has at most, if each needs so many numbers of scratch memory."""
         return max(1, (_CPU_BAND if self._on.is_cpu else _CUDA_BAND) // each)
-
-    def _column(self, values: Any) -> Any:
-        """Return a function of one channel, on the device or as a host array (n, 1)."""
-        return np.reshape(values, (-1, 1)) if isinstance(values, np.ndarray) else values
 
     def _indices(self, values: npt.NDArray[Any]) -> Any:
         return self.upload(values.astype(np.int32), wp.int32)
