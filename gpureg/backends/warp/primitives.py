@@ -16,7 +16,6 @@ from ...kernels.warp import (
 )
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
-from .cells import WarpCells
 from .groups import WarpGroups
 from .layout import channels_of
 from .listing import devices
@@ -27,7 +26,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpSums, WarpCells, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpSums, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
