@@ -7,6 +7,7 @@ from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
+from .recorded import Recorded, in_turns
 from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Groups",
     "LeftOut",
     "PatchForm",
+    "Recorded",
     "Smoothness",
     "Storage",
     "Weighted",
@@ -28,6 +30,7 @@ __all__ = [
     "auto",
     "devices",
     "get",
+    "in_turns",
     "left_out",
     "names",
     "over_patches",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import computed_type
-from ..backends import Backend
+from ..backends import Backend, Chosen
 from ..checks import choice, flag, integer, number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm, as_weights, lam_numbers
 
-# Share of a CPU's memory that a job may use, as it contains the data and packed copies too; and of what a GPU has free.
+# Share of a CPU's memory that a job may use, as it also has the data and packed copies; and of what a GPU has free.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
 
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -137,7 +137,7 @@ def memory_needed(
     norm: Norm = "vertex",
     coupled: bool = True,
     stored: bool = True,
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> int:
     """Compute the bytes that a job needs on its device, without using the device.

@@ -249,6 +249,7 @@ def test_names_of_several_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     assert named("all") == ["opencl:3", "opencl:2", "opencl:1"]
     assert named("all", np.float64) == ["opencl:2", "opencl:1"]
     assert named(["opencl:0", "numpy", "opencl:0"]) == ["opencl:0", "numpy", "opencl:0"]
+    assert named("opencl:0, numpy") == ["opencl:0", "numpy"]
     assert backends.get("all").device.id == backends.get(["opencl:3", "numpy"]).device.id == "opencl:3"
     del found[:4]
     found.append(gpu(0, 2, False))
@@ -256,6 +257,8 @@ def test_names_of_several_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     assert named("all") == ["opencl:4"], "the drivers of one CPU"
     monkeypatch.setenv("GPUREG_BACKEND", "numpy")
     assert named("all") == ["numpy"]
+    monkeypatch.setenv("GPUREG_BACKEND", "numpy,numpy")
+    assert named("auto") == ["numpy", "numpy"]
     for wrong in ([], 3, ["numpy", 1], None):
         with pytest.raises(TypeError, match="backend must be a name, or a list of names"):
             backends.several(wrong)

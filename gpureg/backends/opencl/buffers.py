@@ -24,6 +24,7 @@ from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .listing import free_memory
 from .queue import HostBuffer, queue
+from .recording import Record
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
@@ -80,6 +81,8 @@ class OpenCLBuffers(Backend):
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._scratch_memory: cl.Buffer = None
+        # The launches of recorded work, while recording.
+        self._record: Record | None = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:

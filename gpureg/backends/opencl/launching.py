@@ -5,7 +5,8 @@ Programs are built once per device, primitive and build options, and cached; pyo
 
 from __future__ import annotations
 
-import math
+import copy
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,13 @@ from ... import kernels
 from ...graphs.grid import GridGraph
 from ..failures import build_failed
 from ..patches import PatchForm
+from ..recorded import Parameter, Replay, Work, places
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
 from .failing import built, raise_if_full
 from .geometry import round_up
 from .layout import GridLayout
+from .recording import Record
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
@@ -62,8 +65,8 @@ class OpenCLLaunches(OpenCLBuffers):
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
-        would choose groups of 1 for a prime number of work items. With `exact` (a sum on a grid, whose kernel uses the
-        number of work items) it is not rounded, and the driver chooses.
+        would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
+        sum on a grid, whose kernel uses the number of work items), where the driver chooses.
         """
         layout = weighted.topology
         options = (*layout.options, f"-DN={layout.width}", *options)
@@ -77,15 +80,42 @@ class OpenCLLaunches(OpenCLBuffers):
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
         size = size or layout.global_size
         group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
-        if group is not None:
+        if group is not None and local is None:
             local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
         graph_args = layout.args(
             self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
         )
         args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
+        self._launch(primitive, options, args, size, local)
+
+    def _launch(
+        self,
+        primitive: str,
+        options: tuple[str, ...],
+        args: list[Any],
+        size: tuple[int, ...],
+        local: tuple[int, ...] | None,
+    ) -> None:
+        """Run a kernel over `size` work items, in groups of `local`; add it to the record if there is one."""
+        varying = places(args)
+        args = [self.real(arg) if isinstance(arg, Parameter) else arg for arg in args] if varying else args
         with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+            kernel = self._kernel(primitive, options, args)
+            if self._record is None:
+                kernel(self._shared.queue, size, local, *args)
+            else:
+                self._record.add((primitive, self._options + options), kernel, size, local, args, varying)
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        recorder = copy.copy(self)
+        recorder._record = Record(self._shared, self.real)
+        work(recorder, *parameters)
+        return recorder._record.replay
+
+    def _real(self, x: float) -> Any:
+        """Return a number as a kernel argument that may be a parameter."""
+        return x if isinstance(x, Parameter) else self.real(x)
 
     def _launch_strips(
         self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
@@ -95,8 +125,7 @@ class OpenCLLaunches(OpenCLBuffers):
         if strips.gpu:
             local = (min(64, self.device.handle.max_work_group_size), 1)
             size = (round_up(size[0], local[0]), size[1])
-        with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+        self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
@@ -118,19 +147,6 @@ class OpenCLLaunches(OpenCLBuffers):
         if g is None:
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
-
-    def _partial(
-        self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
-    ) -> Any:
-        """Compute one number per segment of the graph, (count,)."""
-        layout = weighted.topology
-        count = round_up(math.prod(layout.segments), layout.group or 1)
-        out = self._allocate(count * np.dtype(dtype).itemsize)
-        # A few segments per group: by default PoCL makes one group of a whole row, which uses only one core.
-        local = layout.sum_group if self.device.kind == "cpu" else None
-        args = [np.int64(layout.segment), *args, out]
-        self._run(primitive, weighted, args, options, layout.segments, exact=True, local=local)
-        return self._download(out, count, dtype)
 
     def finish(self) -> None:
         with self._shared.waiting():

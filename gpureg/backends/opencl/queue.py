@@ -40,13 +40,18 @@ class HostBuffer(cl.Buffer):  # type: ignore[misc]
     """A buffer in host memory; a subclass, as weakref.finalize needs one."""
 
 
+KernelKey = tuple[str, tuple[str, ...]]
+"""The primitive and all build options of a kernel."""
+
+
 @dataclass(frozen=True)
 class Queue:
     """The context and queue of a device, and the kernels built so far."""
 
     context: cl.Context
     queue: cl.CommandQueue
-    kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
+    kernels: dict[KernelKey, cl.Kernel]
+    spare: dict[KernelKey, list[cl.Kernel]]  # kernel objects of deleted records
     lock: Turn  # a kernel object stores its arguments: one caller at a time
     process: int
     # Host memory of deleted buffers: queued work may still use it, until the next wait is over.
@@ -71,4 +76,4 @@ class Queue:
 def queue(device: cl.Device) -> Queue:
     """Return the shared queue of this device."""
     context = cl.Context([device])
-    return Queue(context, cl.CommandQueue(context), {}, Turn(device), os.getpid(), deque())
+    return Queue(context, cl.CommandQueue(context), {}, {}, Turn(device), os.getpid(), deque())

@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import itertools
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,13 +25,12 @@ from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
 from ..failures import build_failed
 from ..protocol import Backend
+from ..recorded import Parameter, Replay, Work
 from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
 from . import memory, pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
 from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
-
-# Segments of a long sum: enough to use a whole device, few enough for the host to add.
-_CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
+from .recording import Record
 
 
 class WarpLaunches(Backend):
@@ -44,8 +43,8 @@ class WarpLaunches(Backend):
         self.real = wp.float64 if self.dtype == np.float64 else wp.float32
         self._on = device.handle
         self._layouts: weakref.WeakKeyDictionary[AnyGraph, Csr | Grid] = weakref.WeakKeyDictionary()
-        # The recorded launches, while recording.
-        self._recorded: list[list[Any]] | None = None
+        # The launches of recorded work, while recording.
+        self._record: Record | None = None
 
     # Buffers
 
@@ -177,9 +176,15 @@ class WarpLaunches(Backend):
                     piece.set_dim((*dim[:axis], last - first, *dim[axis + 1 :]))
                     piece.set_param_at_index(len(inputs), wp.vec2i(0, first) if axis else wp.vec2i(first, 0))
                     commands.append(piece)
-        if self._recorded is not None:
-            self._recorded.append(commands)
+        if self._record is not None:
+            self._record.add(commands, [*inputs, out])
         launch_all(commands)
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        recorder = copy.copy(self)
+        recorder._record = Record()
+        work(recorder, *parameters)
+        return recorder._record.replay
 
     def _run(
         self, make: Callable[..., Any], weighted: Weighted, options: tuple[Any, ...], inputs: list[Any], out: Any
@@ -219,36 +224,6 @@ class WarpLaunches(Backend):
     def _mirrored(self, weighted: Weighted) -> Any:
         """Return the graph as a kernel argument, with the indices of opposite edges."""
         return weighted.topology.layout.argument(weighted.weights, True)
-
-    def _segments(self, shape: tuple[int, int]) -> tuple[int, list[int]]:
-        """Return the segments of a row, and their reach, stride and count (``energy.py``).
-
-        On a CPU a work item takes neighbouring vertices; on a GPU neighbouring work items take neighbouring vertices.
-        """
-        rows, width = shape
-        gpu = self.device.kind == "gpu"
-        wanted = min(width, -(-(_CUDA_SEGMENTS if gpu else _CPU_SEGMENTS) // rows))
-        if gpu:
-            wanted = max(wanted, min(width, 32))
-        count = -(-width // wanted)
-        segments = -(-width // count)
-        return segments, [1, segments, count] if gpu else [count, 1, count]
-
-    def _partial(
-        self,
-        make: Callable[..., Any],
-        shape: tuple[int, int],
-        options: tuple[Any, ...],
-        inputs: list[Any],
-        dtype: Any,
-        work: int,
-    ) -> FloatArray:
-        """Compute one number per segment of each row, (rows, segments)."""
-        segments, cut = self._segments(shape)
-        out = memory.zeros((shape[0], segments), dtype=dtype, device=self._on)
-        self._launch((shape[0], segments), make, options, [*inputs, *cut], out, work=work)
-        partial: FloatArray = out.numpy()
-        return partial
 
     # Kernel arguments
 
