@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
+from .cosines import CosineSolves
 from .duality import Duality
 from .groups import GroupPrimitives
 from .patches import (
@@ -20,7 +21,7 @@ from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_sto
 from .zones import Zones
 
 
-class Backend(Duality, GroupPrimitives, Zones):
+class Backend(CosineSolves, Duality, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
+from .cosines import OpenCLCosines
 from .duality import OpenCLDuality
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
@@ -21,7 +22,7 @@ from .zones import OpenCLZones
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLCosines, OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

@@ -17,6 +17,7 @@ from ...kernels.warp import (
 )
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
+from .cosines import WarpCosines
 from .duality import WarpDuality
 from .groups import WarpGroups
 from .layout import channels_of
@@ -27,7 +28,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpDuality, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
