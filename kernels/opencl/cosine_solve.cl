@@ -2,7 +2,7 @@
  *
  *     (T r)(k) = 2 sum_i r(i) cos(pi k (2 i + 1) / (2 n))
  *
- * One launch is a step of one axis with n cells (Makhoul 1980): in a work space of complex numbers, of which each has
+ * One launch is a step of one axis with n cells (Makhoul 1980), in a work space of complex numbers. Each has
  * cells of two lines as its real and imaginary part.
  *   STEP 0: from the function, sorted: v(i) = r(2 i), v(n - 1 - i) = r(2 i + 1)
  *   STEP 1: a step of the Fourier transform V of v, of radix R (Stockham): sums of R numbers; R may be any factor of n
@@ -34,31 +34,38 @@ static inline complex_t times(const complex_t a, const complex_t b)
 
 /* the place of the first cell of a line in the function: lines follow the columns, then rows, then channels */
 static inline long line_start(
-    const long line, const int columns, const int inner, const int outer, const long block, const long pitch,
-    const long column, const long plane, const long guard)
+    const long line,
+    const int columns,
+    const int inner,
+    const int outer,
+    const long block,
+    const long pitch,
+    const long column,
+    const long plane,
+    const long guard)
 {
     const long row = line / columns, slice = row / inner;
     return (slice / outer) * plane + guard + ((slice % outer) * block + row % inner) * pitch + line % columns * column;
 }
 
 __kernel void cosine_solve(
-    const int n,         /* cells of a line */
-    const long lines,    /* of all channels */
-    const int backward,  /* the inverse transform */
-    const int by_line,   /* the next number of the work space is of the next pair of lines, not of the next cell */
-    const int columns,   /* lines side by side in a row */
-    const int inner,     /* rows side by side in a slice */
-    const int outer,     /* slices */
-    const long block,    /* rows of a slice */
-    const long pitch,    /* places from a row to the next one */
-    const long column,   /* places from a column to the next one */
-    const long plane,    /* places from a channel to the next one */
-    const long guard,    /* place of the first cell */
-    const long along,    /* places from a cell of a line to the next one */
-    const int width,     /* cells of a row of the grid */
-    const int radix,     /* R of STEP 1 */
-    const int done,      /* product of the radices before */
-    const int divided,   /* whether STEP 2 divides */
+    const int n,        /* cells of a line */
+    const long lines,   /* of all channels */
+    const int backward, /* the inverse transform */
+    const int by_line,  /* the next number of the work space is of the next pair of lines, not of the next cell */
+    const int columns,  /* lines side by side in a row */
+    const int inner,    /* rows side by side in a slice */
+    const int outer,    /* slices */
+    const long block,   /* rows of a slice */
+    const long pitch,   /* places from a row to the next one */
+    const long column,  /* places from a column to the next one */
+    const long plane,   /* places from a channel to the next one */
+    const long guard,   /* place of the first cell */
+    const long along,   /* places from a cell of a line to the next one */
+    const int width,    /* cells of a row of the grid */
+    const int radix,    /* R of STEP 1 */
+    const int done,     /* product of the radices before */
+    const int divided,  /* whether STEP 2 divides */
     __global const complex_t *roots,   /* (n,): exp(-2 pi i k / n) */
     __global const complex_t *quarter, /* (n,): exp(-pi i k / (2 n)) */
     __global const real *over,         /* eigenvalues, row by row without padding; read if `divided` */

@@ -2,10 +2,10 @@
 
     (T r)(k) = 2 sum_i r(i) cos(pi k (2 i + 1) / (2 n))
 
-One launch is a step of one axis with n cells (Makhoul 1980): in a work space of complex numbers, of which each has
+One launch is a step of one axis with n cells (Makhoul 1980), in a work space of complex numbers. Each has
 cells of two lines as its real and imaginary part.
   step 0: from the function, sorted: v(i) = r(2 i), v(n - 1 - i) = r(2 i + 1)
-  step 1: a step of the Fourier transform V of v, of radix R (Stockham): sums of R numbers; R may be any factor of n
+  step 1: a step of the Fourier transform V of v, of radix R (Stockham): sums of R numbers, R any factor of n
   step 2: to the function: (T r)(k) = w V(k) + conj(w) V(n - k), w = exp(-i pi k / (2 n)), divided by eigenvalues
 and backward: V(k) = conj(w) (t(k) - i t(n - k)) / 2 from the function, the same Fourier transform, and v(i) = V(-i) / n.
 
