@@ -17,11 +17,12 @@ from .groups import GroupPrimitives
 from .patches import (
     PatchForm,
 )
+from .sums import Sums
 from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
-class Backend(CosineSolves, Duality, GroupPrimitives, Zones):
+class Backend(CosineSolves, Duality, Sums, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters
@@ -191,10 +192,6 @@ class Backend(CosineSolves, Duality, GroupPrimitives, Zones):
         tau: float | Array,
         out: Array,
     ) -> None: ...
-
-    @abstractmethod
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        """Compute the energy, smoothed by eps: eq. 20, or eq. 30 with the edge norm."""
 
     # Several primitives in one; a backend with a fused kernel overrides them
 

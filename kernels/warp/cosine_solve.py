@@ -7,11 +7,12 @@ cells of two lines as its real and imaginary part.
   step 0: from the function, sorted: v(i) = r(2 i), v(n - 1 - i) = r(2 i + 1)
   step 1: a step of the Fourier transform V of v, of radix R (Stockham): sums of R numbers, R any factor of n
   step 2: to the function: (T r)(k) = w V(k) + conj(w) V(n - k), w = exp(-i pi k / (2 n)), divided by eigenvalues
-and backward: V(k) = conj(w) (t(k) - i t(n - k)) / 2 from the function, the same Fourier transform, and v(i) = V(-i) / n.
+and backward: V(k) = conj(w) (t(k) - i t(n - k)) / 2 from the function, the same Fourier transform, and
+v(i) = V(-i) / n.
 
 One work item: a number of the work space.
-Traffic per cell and axis: steps 0 and 2 read 1 number (step 2 and eigenvalues) and write 1, step 1 likewise; the R reads
-of step 1 are shared with R - 1 neighbours.
+Traffic per cell and axis: steps 0 and 2 read 1 number (step 2 and eigenvalues) and write 1, step 1 likewise; the R
+reads of step 1 are shared with R - 1 neighbours.
 """
 
 import functools

@@ -21,7 +21,7 @@ if "warp" in backends.absent():
     pytest.skip(backends.absent()["warp"], allow_module_level=True)
 
 import warp as wp
-from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step
+from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step, total
 from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends.warp import pool as warp_pool
@@ -113,13 +113,14 @@ def test_kernels_compile_for_cuda(tmp_path):
         pytest.skip("Warp for macOS has no compiler for CUDA")
     access = grid_kernels.make(wp.float32, 2, "weights")
     for kernel in (
-        similarity_step.make(wp.float32, 2, 1, 3, True, True, True, 1, 1),
-        patch_distance.make_grid(wp.float64, 3, 3, 1, True, True, 1, 1),
+        similarity_step.make(wp.float32, 1, True, True, (2, 1, 3, 0, False, True, 1, 1, 1)),
+        patch_distance.make_grid(wp.float64, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
         aggregate.make(access, 2),
         jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
+        total.make(wp.float64, False),
     ):
         wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(tmp_path.glob("*.ptx"))) == 4
+    assert len(list(tmp_path.glob("*.ptx"))) == 5
 
 
 FORKED = """

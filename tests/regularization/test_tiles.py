@@ -166,6 +166,7 @@ def test_backends_tell_the_sizes_of_their_arrays(device: str, monkeypatch: pytes
             return call
 
         monkeypatch.setattr(warp.wp, "zeros", counted(warp.wp.zeros))
+        monkeypatch.setattr(warp.wp, "empty", counted(warp.wp.empty))
         monkeypatch.setattr(backend, "upload", counted(backend.upload))
 
     def asked(work) -> list[int]:

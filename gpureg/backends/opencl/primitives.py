@@ -11,18 +11,18 @@ from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
 from .cosines import OpenCLCosines
-from .duality import OpenCLDuality
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
 from .layout import GridLayout
 from .listing import devices
 from .patches import OpenCLPatches
+from .sums import OpenCLSums
 from .zones import OpenCLZones
 
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLCosines, OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
@@ -129,13 +129,6 @@ class OpenCLBackend(OpenCLCosines, OpenCLDuality, OpenCLGroups, OpenCLPatches, O
         taus, tau_options = self._number(tau, "-DTAU_ARRAY")
         args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
         self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps) ** 2]
-        norm = ("-DEDGE_NORM",) if model.edge else ()
-        options = (f"-DM={f.channels}", f"-DG={model.norms(f.channels)}", *lam_options, *norm)
-        return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:
