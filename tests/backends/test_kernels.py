@@ -19,6 +19,7 @@ GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
 INCLUDES = {
+    "cosine_solve": ("reals.cl",),
     "blur": ("grid.cl", "reflected.cl", "reals.cl"),
     "cells": ("reals.cl",),
     "aggregate": ("grid.cl", "reals.cl"),
@@ -47,6 +48,7 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "blur",
         "cells",
         "combine",
+        "cosine_solve",
         "degree",
         "difference",
         "dot",
