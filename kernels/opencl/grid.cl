@@ -211,6 +211,8 @@ __constant const int window_rows[] = {WINDOW_ROWS};
     EDGE_FACTORS
 
 #define USED(x) WHERE(used, x)
+#define COLLECT(x, first, channels)
+#define ONE_WRITES
 
 #define SEGMENT_BEGIN                                                                           \
     for (int begin = get_global_id(0) * (int)segment * N;                                       \

@@ -22,6 +22,7 @@ from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
 from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .queue import HostBuffer, queue
+from .rows import csr_geometry, csr_layout
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
@@ -150,7 +151,8 @@ class OpenCLBuffers(Backend):
                 found = GridLayout(self.upload, graph, geometry)
             else:
                 assert isinstance(geometry, CsrGeometry)
-                found = CsrLayout(self.upload, graph, geometry, self._csr_group(graph))
+                gpu = self.device.kind == "gpu"
+                found = csr_layout(self.upload, graph, geometry, self._csr_group(graph), gpu)
             self._topologies[graph] = found
         return found
 
@@ -217,7 +219,7 @@ class OpenCLBuffers(Backend):
             found = (
                 GridGeometry.of(graph, self.lanes, self.dtype.itemsize)
                 if isinstance(graph, GridGraph)
-                else CsrGeometry(graph.n_vertices, graph.n_edges)
+                else csr_geometry(graph, self.device.kind == "gpu")
             )
             self._geometries[graph] = found
         return found

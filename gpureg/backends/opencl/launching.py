@@ -17,7 +17,7 @@ from ..patches import PatchForm
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
 from .geometry import round_up
-from .layout import GridLayout
+from .layout import GridLayout, Layout
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
@@ -52,15 +52,16 @@ class OpenCLLaunches(OpenCLBuffers):
         *,
         exact: bool = False,
         local: tuple[int, ...] | None = None,
+        sums: int | None = None,
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
         would choose groups of 1 for a prime number of work items. With `exact` (a sum on a grid, whose kernel uses the
         number of work items) it is not rounded, and the driver chooses.
+        `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
         """
         layout = weighted.topology
-        options = (*layout.options, f"-DN={layout.width}", *options)
         weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
         if isinstance(weights, Recomputed):
             options += weights.options
@@ -69,15 +70,27 @@ class OpenCLLaunches(OpenCLBuffers):
         elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
-        size = size or layout.global_size
+        mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
+        with self._shared.lock:
+            for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
+                graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
+                built = (*one.options, f"-DN={layout.width}", *options)
+                self._launch(primitive, layout, built, [*graph_args, *args], size or one.size, exact, local)
+
+    def _launch(
+        self,
+        primitive: str,
+        layout: Layout,
+        options: tuple[str, ...],
+        args: list[Any],
+        size: tuple[int, ...],
+        exact: bool,
+        local: tuple[int, ...] | None,
+    ) -> None:
         group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
         if group is not None:
             local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
             size = (round_up(size[0], local[0]), *size[1:])
-        graph_args = layout.args(
-            self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
-        )
-        args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
         with self._shared.lock:
             self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
 
