@@ -139,7 +139,8 @@ class CsrLayout(Layout):
         self.group = group
         self.width = 1
         wide = graph.indices.dtype == np.int64
-        self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
+        self.index_options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
+        self.options = self.index_options
         # For the mirror, made at first use. A reference to the graph would keep it in the weak cache of layouts.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
         self.indptr, self.indices = self._put_edges_of(graph)
