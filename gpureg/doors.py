@@ -2,6 +2,7 @@
 
 A public function (a "door") often calls another one. An error that is raised in the inner one begins with the name of
 the outer one: ``denoise_tv: lam must be finite and >= 0, got -1``. An old parameter name raises an error with the new.
+Arrays of other libraries become numpy arrays here, and results arrays of their kind (:mod:`gpureg.exchange`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, overload
 
+from . import exchange
+
 P = ParamSpec("P")
 D = TypeVar("D")
 R = TypeVar("R")
@@ -24,10 +27,11 @@ T = TypeVar("T")
 
 _PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
-# Name of the public function that the user called, while it runs.
+# Name of the public function that the user called, while it runs; empty where no name is to be shown.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
-_PACKAGE = f"{Path(__file__).parent}{os.sep}"
+# Whether a public function runs.
+_inside: ContextVar[bool] = ContextVar("_inside", default=False)
 
 # Marks an error that a function of the caller raised.
 _THEIRS = "_raised_by_a_function_of_the_caller"
@@ -80,8 +84,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     Returns
     -------
     callable
-        The function. If a user calls it, messages of TypeError and ValueError begin with its name. A parameter in
-        :data:`RENAMED` raises a TypeError with the new name.
+        The function. If a user calls it, messages of TypeError and ValueError begin with its name, and its arguments
+        may be arrays of other libraries. A parameter in :data:`RENAMED` raises a TypeError with the new name.
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
@@ -94,7 +98,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     signature = inspect.signature(function)
     if options is not None:
         signature = _with_options(signature, options)
-    known = None if options is None else signature.parameters.keys()
+    names = tuple(signature.parameters)
+    known = None if options is None else set(names)
 
     @functools.wraps(function)
     def outermost(*args: Any, **given: Any) -> Any:
@@ -103,22 +108,38 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
                 raise TypeError(f"{called}: {old!r} is called {renamed[old]} now")
             if known is not None and old not in known:
                 raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
-        if _called.get() is not None:
-            return function(*args, **given)
-        token = _called.set(called)
+        if _inside.get():
+            return exchange.call(function, names, args, given, inner=True)
+        named = _called.get() is None
+        inside, token = _inside.set(True), _called.set(called if named else _called.get())
         try:
-            return function(*args, **given)
+            return _until_done(lambda: exchange.call(function, names, args, given))
         except (TypeError, ValueError) as error:
-            if type(error) in (TypeError, ValueError) and len(error.args) == 1 and not hasattr(error, _THEIRS):
+            alone = type(error) in (TypeError, ValueError) and len(error.args) == 1
+            if named and alone and not hasattr(error, _THEIRS):
                 said = str(error.args[0])
                 if not said.startswith((f"{called}:", f"{called}()", f"{called}.__init__()")):
                     error.args = (f"{called}: {said}",)
             raise
         finally:
             _called.reset(token)
+            _inside.reset(inside)
 
     outermost.__signature__ = signature  # type: ignore[attr-defined]
     return outermost
+
+
+def _until_done(run: Callable[[], T]) -> T:
+    """Call a function; call it again after an error whose attribute `again` is True, as after a build that failed.
+
+    Such an error has changed what is chosen. What the call held is freed before the next one.
+    """
+    while True:
+        try:
+            return run()
+        except Exception as error:
+            if not getattr(error, "again", False):
+                raise
 
 
 def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:
@@ -174,13 +195,14 @@ def without_names() -> Iterator[None]:
 @contextmanager
 def calling_back() -> Iterator[None]:
     """Call a function of the caller, such as a callback: its errors stay as they are."""
-    token = _called.set(None)
+    token, inside = _called.set(None), _inside.set(False)
     try:
         yield
     except (TypeError, ValueError) as error:
         setattr(error, _THEIRS, True)
         raise
     finally:
+        _inside.reset(inside)
         _called.reset(token)
 
 

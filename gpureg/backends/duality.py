@@ -38,18 +38,6 @@ class Duality(Data):
 
     # Vectors, without weights
 
-    @abstractmethod
-    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
-        """Compute the largest absolute difference; infinity if there is a NaN."""
-
-    @abstractmethod
-    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        """Sum a b / over, over vertices and channels.
-
-        A term is 0 where `over` is infinite: a number, or a function with 1 channel or the channels of a and b. The
-        sum is in float64, or compensated.
-        """
-
     def combine(
         self,
         graph: AnyGraph,
@@ -130,9 +118,3 @@ class Duality(Data):
 
     @abstractmethod
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None: ...
-
-    @abstractmethod
-    def duality_gap(
-        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
-    ) -> float:
-        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms >= 0."""

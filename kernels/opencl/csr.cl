@@ -13,7 +13,7 @@
  *   OPPOSITE_AT(c, channels)   likewise for (v, u)
  *   CLEAR_EDGES(p, channels)   writes 0 for edges that do not exist (only on a grid)
  *   USED(x)                    x, or 0 in lanes without a vertex (only on a grid)
- *   SEGMENT_BEGIN ... SEGMENT_END    a loop over all vertices u of this work item's segment, for sums
+ *   SEGMENT_BEGIN ... SEGMENT_END    a loop over all vertices u of this work item, for sums (sums.cl)
  *
  * Functions on vertices are interleaved, (n, channels): a neighbour's channels are adjacent.
  */
@@ -74,8 +74,12 @@
 
 #define USED(x) (x)
 
+#ifdef GROUP
+#define SEGMENT_BEGIN for (long u = get_global_id(0); u < n; u += get_global_size(0)) {
+#else
 #define SEGMENT_BEGIN \
     for (long u = (long)get_global_id(0) * segment; u < n && u < ((long)get_global_id(0) + 1) * segment; ++u) {
+#endif
 #define SEGMENT_END }
 #define SEGMENT_INDEX get_global_id(0)
 

@@ -5,7 +5,8 @@ Programs are built once per device, primitive and build options, and cached; pyo
 
 from __future__ import annotations
 
-import math
+import copy
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,15 @@ import pyopencl as cl
 
 from ... import kernels
 from ...graphs.grid import GridGraph
+from ..failures import build_failed
 from ..patches import PatchForm
+from ..recorded import Parameter, Replay, Work, places
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
+from .failing import built, raise_if_full
 from .geometry import round_up
-from .layout import GridLayout, Layout
+from .layout import GridLayout
+from .recording import Record
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
@@ -36,7 +41,11 @@ class OpenCLLaunches(OpenCLBuffers):
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
-            program = cl.Program(self._shared.context, source).build(options=list(key[1]))
+            try:
+                program = built(self._shared.context, source, list(key[1]))
+            except cl.Error as error:
+                raise_if_full(self.device.handle, error)
+                raise build_failed(self.device, self.dtype, primitive, str(error)) from error
             found = self._shared.kernels[key] = program.all_kernels()[0]
             # Without the types, pyopencl guesses that of each scalar: 0.15 ms per launch instead of 0.02.
             found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
@@ -57,8 +66,8 @@ class OpenCLLaunches(OpenCLBuffers):
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
-        would choose groups of 1 for a prime number of work items. With `exact` (a sum on a grid, whose kernel uses the
-        number of work items) it is not rounded, and the driver chooses.
+        would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
+        sum on a grid, whose kernel uses the number of work items), where the driver chooses.
         `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
         """
         layout = weighted.topology
@@ -74,25 +83,41 @@ class OpenCLLaunches(OpenCLBuffers):
         with self._shared.lock:
             for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
                 graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
-                built = (*one.options, f"-DN={layout.width}", *options)
-                self._launch(primitive, layout, built, [*graph_args, *args], size or one.size, exact, local)
+                chosen = (*one.options, f"-DN={layout.width}", *options)
+                groups, items = local, size or one.size
+                group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
+                if group is not None and local is None:
+                    groups = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(items) - 1))
+                    items = (round_up(items[0], groups[0]), *items[1:])
+                self._launch(primitive, chosen, [*graph_args, *args], items, groups)
 
     def _launch(
         self,
         primitive: str,
-        layout: Layout,
         options: tuple[str, ...],
         args: list[Any],
         size: tuple[int, ...],
-        exact: bool,
         local: tuple[int, ...] | None,
     ) -> None:
-        group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
-        if group is not None:
-            local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
-            size = (round_up(size[0], local[0]), *size[1:])
+        """Run a kernel over `size` work items, in groups of `local`; add it to the record if there is one."""
+        varying = places(args)
+        args = [self.real(arg) if isinstance(arg, Parameter) else arg for arg in args] if varying else args
         with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+            kernel = self._kernel(primitive, options, args)
+            if self._record is None:
+                kernel(self._shared.queue, size, local, *args)
+            else:
+                self._record.add((primitive, self._options + options), kernel, size, local, args, varying)
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        recorder = copy.copy(self)
+        recorder._record = Record(self._shared, self.real)
+        work(recorder, *parameters)
+        return recorder._record.replay
+
+    def _real(self, x: float) -> Any:
+        """Return a number as a kernel argument that may be a parameter."""
+        return x if isinstance(x, Parameter) else self.real(x)
 
     def _launch_strips(
         self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
@@ -102,8 +127,7 @@ class OpenCLLaunches(OpenCLBuffers):
         if strips.gpu:
             local = (min(64, self.device.handle.max_work_group_size), 1)
             size = (round_up(size[0], local[0]), size[1])
-        with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+        self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
@@ -125,19 +149,6 @@ class OpenCLLaunches(OpenCLBuffers):
         if g is None:
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
-
-    def _partial(
-        self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
-    ) -> Any:
-        """Compute one number per segment of the graph, (count,)."""
-        layout = weighted.topology
-        count = round_up(math.prod(layout.segments), layout.group or 1)
-        out = self._allocate(count * np.dtype(dtype).itemsize)
-        # A few segments per group: by default PoCL makes one group of a whole row, which uses only one core.
-        local = layout.sum_group if self.device.kind == "cpu" else None
-        args = [np.int64(layout.segment), *args, out]
-        self._run(primitive, weighted, args, options, layout.segments, exact=True, local=local)
-        return self._download(out, count, dtype)
 
     def finish(self) -> None:
         with self._shared.waiting():

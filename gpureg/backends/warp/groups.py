@@ -13,10 +13,11 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import group_step, patch_groups
 from ...kernels.warp.lanes import LANES
-from ..groups import GroupForm, Groups, group_planes, largest_trace
+from ..groups import GroupForm, Groups, as_column, group_planes, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
-from .launching import WarpLaunches
+from . import memory
+from .cells import WarpCells
 from .pool import PACK_SPEED
 
 # Numbers in the scratch memory of a launch; a GPU needs more work items at once.
@@ -25,13 +26,18 @@ _CPU_BAND, _CUDA_BAND = 1 << 22, 1 << 25
 _VECTOR_BYTES, _MOST_VECTORS = 32, 6
 
 
-class WarpGroups(WarpLaunches):
+class WarpGroups(WarpCells):
     """Groups of patches."""
 
     def patch_groups(
-        self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
+        self,
+        graph: GridGraph,
+        guide: Array | FloatArray,
+        form: GroupForm,
+        *,
+        level: Array | FloatArray | None = None,
     ) -> Groups:
-        planes = group_planes(graph, np.asarray(guide, self.dtype), form)
+        planes = group_planes(graph, self.on_host(graph, guide), form)
         N, lanes, _ = self._team()
         width = 2 * form.window[-1] + 1
         packs = -(-width // N)
@@ -49,7 +55,7 @@ class WarpGroups(WarpLaunches):
         references = form.references(graph.shape)
         limits = np.full(len(references), form.flat * form.cells * len(planes))
         if level is not None:
-            limits = limits * level[references]
+            limits = limits * self.on_host(graph, as_column(level))[references, 0]
 
         search = patch_groups.struct(self.real)()
         search.g, search.inside = self._upload_reals(planes.ravel()), self._upload_reals(inside.ravel())
@@ -62,9 +68,9 @@ class WarpGroups(WarpLaunches):
         search.nearest, search.most = min(form.nearest, form.places), form.most
         each = math.prod(2 * w + 1 for w in form.window[:-1]) * line
         band = min(self._band(each), len(references))
-        search.scratch = wp.empty(band * each, dtype=self.real, device=self._on)
-        members = wp.zeros((len(references), form.most), dtype=wp.int32, device=self._on)
-        sizes = wp.zeros(len(references), dtype=wp.int32, device=self._on)
+        search.scratch = memory.empty(band * each, dtype=self.real, device=self._on)
+        members = memory.zeros((len(references), form.most), dtype=wp.int32, device=self._on)
+        sizes = memory.zeros(len(references), dtype=wp.int32, device=self._on)
         for begin in range(0, len(references), band):
             items = min(band, len(references) - begin)
             work = items * form.places * form.cells * len(planes) // PACK_SPEED
@@ -75,17 +81,23 @@ class WarpGroups(WarpLaunches):
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         return np.array(groups.members.numpy()), np.array(groups.sizes.numpy())
 
-    def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
+    def group_step(
+        self,
+        groups: Groups,
+        f0: Array | FloatArray,
+        guide: Array | FloatArray,
+        variance: float | Array | FloatArray,
+    ) -> Array:
         graph, form = groups.graph, groups.form
-        noisy, pilot = (group_planes(graph, np.asarray(x, self.dtype), form) for x in (f0, guide))
+        noisy, pilot = (group_planes(graph, self.on_host(graph, x), form) for x in (f0, guide))
         m, shape = len(noisy), noisy.shape[1:]
         N, lanes, whole = self._team()
         order, starts, phases = _blocks(graph, form)
 
         step = group_step.struct(self.real)()
         step.noisy, step.pilot = self._upload_reals(noisy.ravel()), self._upload_reals(pilot.ravel())
-        if np.ndim(variance) > 0:
-            map_ = group_planes(graph, np.asarray(variance, self.dtype).reshape(-1, 1), form)
+        if np.ndim(variance) > 0 or isinstance(variance, wp.array):
+            map_ = group_planes(graph, self.on_host(graph, as_column(variance)), form)
             step.noise = self._upload_reals(map_.ravel())
         else:
             step.variance = float(variance)
@@ -97,14 +109,14 @@ class WarpGroups(WarpLaunches):
         step.order, step.starts = self._indices(order), self._indices(starts)
         multiple = max(N, 4)
         step.pitch = P = -(-form.cells // multiple) * multiple
-        step.total = wp.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
-        count = wp.zeros(math.prod(shape), dtype=self.real, device=self._on)
+        step.total = memory.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
+        count = memory.zeros(math.prod(shape), dtype=self.real, device=self._on)
         # two tables of the patches of a group, two of its matrices, and five rows
         each = (2 * -(-form.most // 4) * 4 + 2 * P + 5) * P * m
         items = np.arange(len(starts)) if whole else starts
         bands = _bands(items, phases, self._band(each))
         most = max(int(items[b] - items[a]) for a, b in bands)
-        step.scratch = wp.zeros(most * each, dtype=self.real, device=self._on)
+        step.scratch = memory.zeros(most * each, dtype=self.real, device=self._on)
         for a, b in bands:
             work = int(starts[b] - starts[a]) * m * form.most * form.cells**2 // PACK_SPEED
             dim = (int(items[b] - items[a]) * m * lanes,)
