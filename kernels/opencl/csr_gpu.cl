@@ -95,11 +95,11 @@ typedef CONCATENATE(REAL_, 4) four;
 #endif
 /* clang-format on */
 
-#define VERTEX                                       \
-    TEAM_MEMORY                                      \
-    const long row = get_global_id(0) / TEAM;        \
-    const int member = (int)get_local_id(0) % TEAM;  \
-    const bool there = row < n;                      \
+#define VERTEX                                      \
+    TEAM_MEMORY                                     \
+    const long row = get_global_id(0) / TEAM;       \
+    const int member = (int)get_local_id(0) % TEAM; \
+    const bool there = row < n;                     \
     ROW
 
 #if TEAM > 1
@@ -118,7 +118,7 @@ static inline real added_by_team(const real x, __local four *memory)
 #endif
 
 #ifdef HUBS
-#define STORED(x, c)                                                       \
+#define STORED(x, c)                                                                                         \
     for (long i = pieces[there ? row : 0] + member, last = there ? pieces[row + 1] : i; i < last; i += TEAM) \
         (x) = ADDED(x, sums[(c) * n_pieces + i]);
 #define STORE_PIECE(x, c)
@@ -130,11 +130,11 @@ static inline real added_by_team(const real x, __local four *memory)
 #define STORED(x, c)
 #define STORE_PIECE(x, c)
 #endif
-#define COLLECT(x, first, channels)                                          \
-    for (int i_ = 0; i_ < (channels); ++i_) {                                \
-        STORED((x)[i_], (first) + i_)                                        \
-        (x)[i_] = ADDED_BY_TEAM((x)[i_], ((first) + i_) & 1);                \
-        STORE_PIECE((x)[i_], (first) + i_)                                   \
+#define COLLECT(x, first, channels)                           \
+    for (int i_ = 0; i_ < (channels); ++i_) {                 \
+        STORED((x)[i_], (first) + i_)                         \
+        (x)[i_] = ADDED_BY_TEAM((x)[i_], ((first) + i_) & 1); \
+        STORE_PIECE((x)[i_], (first) + i_)                    \
     }
 #define ONE_WRITES \
     if (!there || member != 0 || !FINISHES) return;
@@ -142,6 +142,6 @@ static inline real added_by_team(const real x, __local four *memory)
 
 #define NEIGHBOURS \
     EDGES          \
-        EDGE_FACTORS
+    EDGE_FACTORS
 
 #endif

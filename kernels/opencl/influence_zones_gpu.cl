@@ -1,6 +1,6 @@
-/* mu(u) = min over v of mu(v) + length(u, v) (section 5.2): influence_zones.cl for a GPU, which explains mu, tag and hop.
+/* mu(u) = min over v of mu(v) + length(u, v) (section 5.2): one round on a GPU.
  *
- * A tile is WIDE x HIGH vertices: of the last axis of a grid and of all others in row-major order, or neighbouring
+ * influence_zones.cl explains mu, tag and hop. A tile is WIDE x HIGH vertices: of the last axis of a grid and of all others in row-major order, or neighbouring
  * vertices of a stored graph. One work group: a tile, a work item a vertex. It takes the neighbours in other tiles from
  * before the round; those in its tile it takes from local memory, again and again until nothing in the tile changes. So
  * a path crosses a tile in one round, and no work item reads what another group writes.
@@ -66,18 +66,18 @@
 /* clang-format on */
 
 /* Take a path of this distance and tag if it is the least so far. */
-#define TAKE(mu_v, tag_v)                                          \
-    {                                                              \
-        const long d = (mu_v) + length, t = (tag_v) + hop;         \
-        if (d < best || (d == best && t < best_tag)) {             \
-            best = d;                                              \
-            best_tag = t;                                          \
-            moved = true;                                          \
-        }                                                          \
+#define TAKE(mu_v, tag_v)                                  \
+    {                                                      \
+        const long d = (mu_v) + length, t = (tag_v) + hop; \
+        if (d < best || (d == best && t < best_tag)) {     \
+            best = d;                                      \
+            best_tag = t;                                  \
+            moved = true;                                  \
+        }                                                  \
     }
 
 __kernel __attribute__((reqd_work_group_size(WIDE, HIGH, 1))) void influence_zones_gpu(
-    const long width, /* vertices of a row: the last axis of a grid, or all of a stored graph */
+    const long width,  /* vertices of a row: the last axis of a grid, or all of a stored graph */
     const long height, /* rows; 1 for a stored graph */
     EDGES_ARGS,
     const long hop,             /* what an edge adds to a tag: 2^32, or 0 */

@@ -139,12 +139,12 @@ __kernel void patch_distance(
 {
     VERTEX
     EDGES
-        const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
+    const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
 #ifdef SPATIAL
-        out[e] = EPILOGUE(rho, spatial[e], u, v);
+    out[e] = EPILOGUE(rho, spatial[e], u, v);
 #else
-        out[e] = EPILOGUE(rho, 1, u, v);
+    out[e] = EPILOGUE(rho, 1, u, v);
 #endif
-    END
+END
 }
 #endif

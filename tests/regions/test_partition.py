@@ -6,6 +6,7 @@ import cases
 import numpy as np
 import paper_zones
 import pytest
+from checking import as_gpu
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
@@ -81,13 +82,15 @@ def test_devices_agree_with_dijkstra(device, name, channels, height, monkeypatch
 
 
 @pytest.mark.one_driver
-@pytest.mark.parametrize("name", ["grid", "masked", "volume", "csr", "csr of grid", "row", "pixel"])
+@pytest.mark.parametrize("name", ["masked", "volume", "csr", "row"])
 def test_a_gpus_tiles(device, name, monkeypatch):
     """The tiles of a GPU, on the devices at hand."""
     graph = cases.graph(name)
     on = as_gpu(device, "float32", monkeypatch)
     if on.name == "warp":
-        monkeypatch.setattr("gpureg.backends.warp.zones.WarpZones._settle", WarpZones._settle_tiles)
+        monkeypatch.setattr(on, "_settle_blocks", on._settle_tiles)
+    else:
+        on._options += ("-cl-opt-disable",)  # a driver for CPUs takes long for loops with barriers
     f, sources = levels(graph, 1, 4), some_sources(graph)
     lengths, _ = edge_lengths(vertex_values(f, graph), graph)
     oracle = backends.get("numpy", np.float64)

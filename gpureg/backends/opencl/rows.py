@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -115,9 +114,7 @@ class TeamLayout(CsrLayout):
     Primitives that do not collect sums over the edges have the launches of a :class:`CsrLayout`.
     """
 
-    def __init__(
-        self, upload: Upload, graph: Graph, geometry: CsrGeometry, group: int, team: int, piece: int
-    ) -> None:
+    def __init__(self, upload: Upload, graph: Graph, geometry: CsrGeometry, group: int, team: int, piece: int) -> None:
         super().__init__(upload, graph, geometry, group)
         self._team, self._n, self._n_pieces = team, geometry.n, 0
         self._starts = self._rows = self._pieces = self._nothing = self.indptr

@@ -89,7 +89,7 @@ class OpenCLZones(OpenCLLaunches, Rounds):
             return [np.int64(guard), self.upload(jumps), self.upload(padded)], options, guard
         layout = self._topology(graph)
         assert isinstance(layout, CsrLayout)
-        rows = [layout.indptr, layout.indices]
+        stored = [layout.indptr, layout.indices]
         if isinstance(layout, SlicedLayout):
-            rows = [self.upload(graph.indptr), self.upload(graph.indices)]
-        return [*rows, self.upload(lengths)], layout.index_options, graph.n_vertices
+            stored = [self.upload(graph.indptr), self.upload(graph.indices)]
+        return [*stored, self.upload(lengths)], layout.index_options, graph.n_vertices
