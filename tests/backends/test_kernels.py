@@ -21,6 +21,7 @@ BOTH_GPU = {"influence_zones_gpu"}
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
 INCLUDES = {
+    "cosine_solve": ("reals.cl",),
     "blur": ("grid.cl", "reflected.cl", "reals.cl"),
     "cells": ("reals.cl",),
     "aggregate": ("grid.cl", "reals.cl"),
@@ -49,6 +50,7 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "blur",
         "cells",
         "combine",
+        "cosine_solve",
         "degree",
         "difference",
         "dot",
