@@ -14,7 +14,7 @@ PARTS |= {"total"}  # the second stage of a long sum
 # Parts of one language alone; kernels/README.md says why.
 OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile", "sums"}, {"pack", "lanes", "padded"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
-GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "sweep_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
