@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .. import exchange
 from . import advice, failures
 from .protocol import Backend
 from .types import BackendUnavailable, Device, LeftOut
@@ -105,13 +106,20 @@ def auto(dtype: npt.DTypeLike = np.float32) -> Device:
     return _choose(dtype)[0]
 
 
-def _choose(dtype: npt.DTypeLike) -> tuple[Device, list[Device]]:
-    """Return the device for "auto", and those that it would have taken before if they had not failed."""
+def _choose(dtype: npt.DTypeLike, at: exchange.Place | None = None) -> tuple[Device, list[Device]]:
+    """Return the device for "auto", and those that it would have taken before if they had not failed.
+
+    It is the device `at` which the data lie, if it computes in `dtype`.
+    """
     wide = np.dtype(dtype) == np.float64
+    near = [] if at is None else [device for device in _of(at) if device.float64 or not wide]
+    for device in near:
+        if failures.why_not(device, dtype) is None:
+            return device, []
     # The best tier that a backend can have. A backend that cannot win is not started, as Warp starts slowly.
     at_best = {"warp": 0 if _cuda_driver() else 3, "opencl": 1, "numpy": 4}
     best: Device | None = None
-    failed: list[Device] = []
+    failed = list(near)
     for name in sorted(_BACKENDS, key=lambda name: at_best.get(name, 0)):
         if best is not None and best.rank[0] <= at_best.get(name, 0):
             break
@@ -119,13 +127,25 @@ def _choose(dtype: npt.DTypeLike) -> tuple[Device, list[Device]]:
             if wide and not device.float64:
                 continue
             if failures.why_not(device, dtype) is not None:
-                failed.append(device)
+                failed += [] if device in near else [device]
             elif best is None or device.rank < best.rank:
                 best = device
     assert best is not None  # numpy is always available
     if best.backend == "numpy":
         advice.fell_back()
-    return best, [device for device in failed if device.rank < best.rank]
+    return best, [device for device in failed if device in near or device.rank < best.rank]
+
+
+def _of(at: exchange.Place) -> list[Device]:
+    """Return the device that is the one of an array, none or one."""
+    if at.kind == "opencl":
+        return [device for device in _probe("opencl").devices if device.handle == at.device]
+    found = [device for device in _probe("warp").devices if device.id == f"warp:cuda:{at.device}"]
+    if not found:
+        # no Warp, or a GPU too old for it: NVIDIA's OpenCL, and the data pass through the host
+        nvidia = [device for device in _probe("opencl").devices if device.driver.startswith("NVIDIA")]
+        found = nvidia[at.device : at.device + 1]
+    return found
 
 
 def _forced() -> str:
@@ -189,7 +209,8 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     ----------
     name : str, default "auto"
         "auto", a backend ("numpy", "opencl", "warp") or one of its devices ("opencl:1", "warp:cuda:0"). The
-        environment variable GPUREG_BACKEND replaces "auto".
+        environment variable GPUREG_BACKEND replaces "auto". Otherwise "auto" is the device of the data, if they are an
+        array on a device (:func:`gpureg.exchange.place`).
     dtype : dtype, default float32
         float32 or float64.
 
@@ -213,6 +234,6 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
             raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
     if name != "auto":
         return _make(_find(name, kind), kind)
-    best, failed = _choose(kind)
+    best, failed = _choose(kind, exchange.place())
     failures.chosen(best, kind, failed)
     return _make(best, kind)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -146,6 +146,8 @@ class Path:
     parameter: str
     values: npt.NDArray[np.float64]
     results: tuple[Result, ...]
+
+    _exchanged: ClassVar[tuple[str, ...]] = ("results",)
 
     def __iter__(self) -> Iterator[Result]:
         return iter(self.results)

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Weighted
+from .cosines import OpenCLCosines
 from .groups import OpenCLGroups
 from .listing import devices
 from .patches import OpenCLPatches
@@ -17,7 +18,7 @@ from .zones import OpenCLZones
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLSweeps, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLSweeps, OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
