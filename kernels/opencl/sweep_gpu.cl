@@ -15,7 +15,7 @@
  * One work item: S cells of a column. With one gradient norm per channel the third index of a work group is the channel
  * (M = 1), as channels do not depend on each other.
  * Traffic per vertex: reads H weights, 2 M values and lam; writes M numbers; the halo is read from the cache.
- *   -DM=1|2|3|4   -DTY=4   -DS=8   -DPOWER=-0.5f (power, if it is compiled in)
+ *   -DM=1|2|3|4   -DTY=4   -DS=8   -DPOWER=(real)-0.5 (power, if it is compiled in: p = 1)
  */
 #ifndef GRID
 #define GRID
