@@ -15,7 +15,7 @@
  * One work item: S cells of a column. With one gradient norm per channel the third index of a work group is the channel
  * (M = 1), as channels do not depend on each other.
  * Traffic per vertex: reads H weights, 2 M values and lam; writes M numbers; the halo is read from the cache.
- *   -DM=1|2|3|4   -DTY=4   -DS=8   -DPOWER=(real)-0.5 (power, if it is compiled in: p = 1)
+ *   -DM=1|2|3|4   -DTY=4   -DS=8   -DPOWER=-0.5f (power, if it is compiled in: p = 1)
  */
 #ifndef GRID
 #define GRID
@@ -59,7 +59,7 @@
 
 /* Whether cell y exists; `inner`: all cells of the tile and their neighbours do. */
 #define EXISTS (inner || (column && row >= 0 && row < n_rows))
-#define CELL                   \
+#define CELL_PLACE             \
     const int row = first + y; \
     const long u = guard + (long)row * pitch + x;
 /* Cell y of a column in memory, from its first one on; a 32-bit index makes addresses one instruction each. */
@@ -84,7 +84,7 @@ INLINE void gradient_column(
     const bool inner_columns = inner, inner_rows = inner;
     EACH_ROW
     {
-        CELL
+        CELL_PLACE
         real sum = 0;
         if (EXISTS) {
             NEIGHBOURS
@@ -121,7 +121,7 @@ INLINE void update_column(
     const bool inner_columns = inner, inner_rows = inner;
     EACH_ROW
     {
-        CELL
+        CELL_PLACE
         if ((y >= HALO || j > 0) && (y < S - HALO || j + S < ROWS) && EXISTS) {
             real total = 0, sum[M];
             EACH_CHANNEL sum[c] = 0;

@@ -114,7 +114,7 @@ class OpenCLSweeps(OpenCLLaunches):
             norms,
         )
         # p = 1 is worth a program of its own: otherwise a third of its instructions choose how to raise to a power
-        power = ("-DPOWER=(real)-0.5",) if model.p == 1 else ()
+        power = ("-DPOWER=-0.5f",) if model.p == 1 else ()
         tile = (f"-DM={channels}", f"-DTY={_DOWN}", f"-DS={cells}", *power)
         args = [f.buffer, f0.buffer, *numbers, out.buffer]
         self._run("sweep_gpu", weighted, args, (*tile, *options), size, local=(_COLUMNS, _DOWN, 1))
