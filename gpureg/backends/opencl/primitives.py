@@ -16,13 +16,13 @@ from .groups import OpenCLGroups
 from .layout import GridLayout
 from .listing import devices
 from .patches import OpenCLPatches
-from .sums import OpenCLSums
+from .scalars import OpenCLScalars
 from .zones import OpenCLZones
 
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
