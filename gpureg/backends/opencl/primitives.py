@@ -35,16 +35,16 @@ class OpenCLBackend(OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, O
         return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
-        self._run("degree", weighted, [out.buffer])
+        self._run("degree", weighted, [out.buffer], sums=1)
 
     def _largest_weight(self, weighted: Weighted, out: Array) -> None:
-        self._run("degree", weighted, [out.buffer], ("-DLARGEST",))
+        self._run("degree", weighted, [out.buffer], ("-DLARGEST",), sums=1)
 
     def _difference(self, weighted: Weighted, f: Array, out: Array) -> None:
-        self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",))
+        self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",), sums=0)
 
     def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None:
-        self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",))
+        self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",), sums=H.channels)
 
     def _gradient_norm(
         self,
@@ -57,13 +57,14 @@ class OpenCLBackend(OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, O
         out: Array,
     ) -> None:
         args = [f.buffer, self.real(eps) ** 2, self.real(power), self.real(edge_power or 0), out.buffer]
-        norms = f"-DG={1 if coupled else f.channels}"
-        options = (f"-DM={f.channels}", norms, *(() if edge_power is None else ("-DEDGE_NORM",)))
-        self._run("gradient_norm", weighted, args, options)
+        norms = 1 if coupled else f.channels
+        options = (f"-DM={f.channels}", f"-DG={norms}", *(() if edge_power is None else ("-DEDGE_NORM",)))
+        self._run("gradient_norm", weighted, args, options, sums=norms)
 
     def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None:
         conductance, options = self._g(g, f.channels)
-        self._run("p_laplacian", weighted, [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options))
+        args, options = [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options)
+        self._run("p_laplacian", weighted, args, options, sums=f.channels)
 
     def _jacobi_step(
         self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
@@ -71,7 +72,8 @@ class OpenCLBackend(OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, O
         conductance, g_options = self._g(g, f.channels)
         lams, lam_options = self._lam(lam)
         args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
-        self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
+        options = (f"-DM={f.channels}", *g_options, *lam_options)
+        self._run("jacobi_step", weighted, args, options, sums=2 * f.channels)
 
     def sweep(
         self,
@@ -128,7 +130,8 @@ class OpenCLBackend(OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, O
         lams, lam_options = self._lam(lam)
         taus, tau_options = self._number(tau, "-DTAU_ARRAY")
         args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
-        self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
+        options = (f"-DM={f.channels}", *g_options, *lam_options, *tau_options)
+        self._run("euler_step", weighted, args, options, sums=f.channels)
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:
