@@ -20,10 +20,8 @@
  * 1 + 2 M; with PAIRS per two edges, but twice 1 + 2 M.
  */
 #include "strip.cl"
+#include "quotient.cl"
 
-#ifndef M
-#define M 1
-#endif
 #ifndef REACH
 #define REACH 1 /* PAIRS, SLOTS: largest offset in rows */
 #endif
@@ -42,55 +40,12 @@
 #define SLOT ((S + REACH) * SUMS * SLOT_PITCH) /* numbers in a slot */
 
 /* clang-format off */
-#define FUNCTION_ARGS                                                                                                 \
-    const long pitch,                  /* of functions, in the layout of grid.cl */                                   \
-    const long plane,                                                                                                 \
-    const long guard,                                                                                                 \
-    __global const real *f0,           /* M channels */                                                               \
-    __global const real *lams,         /* 1 channel; read with LAM_ARRAY */                                           \
-    const real lam_,                   /* read without LAM_ARRAY */                                                   \
-    /* output */                                                                                                      \
-    __global real *out                 /* M channels; not f */
-
 #define SLOT_ARGS                                                                                                     \
     const int first,                   /* strip of the launch's first work item */                                    \
     const int blocks,                  /* in a strip */                                                               \
     const int ring                     /* number of strips with slots; strip i has those of i modulo ring */
 /* clang-format on */
 
-/* Write the new value of the pack at x, from half the sums of the weights and of the weighted values. */
-static inline void finish(
-    const realN total,
-    const realN *pull,
-    const int x,
-    const long row,
-    const int width,
-    const long pitch,
-    const long plane,
-    const long guard,
-    __global const real *f0,
-    __global const real *lams,
-    const real lam_,
-    const realN unit,
-    __global real *out)
-{
-    const long u = guard + row * pitch + x;
-#ifdef LAM_ARRAY
-    realN lam = LOAD(lams, u);
-#else
-    realN lam = (realN)(lam_);
-#endif
-#ifdef LARGEST
-    lam = isinf(lam) ? lam : lam * unit;
-#endif
-    const realN denominator = lam + 2 * total;
-    const laneN keeps_data = isinf(lam) || !(denominator > SMALLEST);
-    for (int c = 0; c < M; ++c) {
-        const realN data = LOAD(f0, u + c * plane);
-        const realN moved = (lam * data + 2 * pull[c]) / denominator;
-        STORE(out, u + c * plane, WHERE(x + LANES < width, keeps_data ? data : moved));
-    }
-}
 #define FINISH(total, pull, x, row, unit) \
     finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, (realN)(unit), out)
 

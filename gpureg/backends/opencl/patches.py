@@ -13,12 +13,12 @@ from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, 
 from ..types import Array, Device, Storage, Weighted, expect_storage, expect_stored
 from .buffers import Recomputed
 from .geometry import GridGeometry
-from .launching import OpenCLLaunches
 from .layout import GridLayout
 from .strips import PACKS, ROWS, Strips, exp2_scale
+from .tiled_patches import OpenCLTiledPatches
 
 
-class OpenCLPatches(OpenCLLaunches):
+class OpenCLPatches(OpenCLTiledPatches):
     """Weights computed from patches, and one step with weights that are not stored."""
 
     averages = True
@@ -122,11 +122,17 @@ class OpenCLPatches(OpenCLLaunches):
         assert isinstance(geometry, GridGeometry)
         M = f.shape[1]
         out = self.empty(graph, M) if out is None else out
+        Q = M if guide is None else guide.shape[1]
+        tiled = self._patch_tiles(graph, form, Q, M, guided=guide is not None, largest=largest)
+        if tiled is not None:
+            at = self.put(graph, f)
+            self._tiled_step(*tiled, at, at if guide is None else self.put(graph, guide), f0, lam, out)
+            return out
         strips = self._strips(graph, form, 1 + M)
         values = self.upload(strips.planes(np.asarray(f, self.dtype)))
-        compared, Q = values, M
+        compared = values
         if guide is not None:
-            compared, Q = self.upload(strips.planes(np.asarray(guide, self.dtype))), guide.shape[1]
+            compared = self.upload(strips.planes(np.asarray(guide, self.dtype)))
         lams, lam_options = self._lam(lam)
         function = [
             np.int64(geometry.pitch),

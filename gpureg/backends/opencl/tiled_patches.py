@@ -1,0 +1,69 @@
+"""The step that compares patches as a GPU takes it, in OpenCL: functions are read where they are, without copies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...graphs.grid import GridGraph
+from ..patches import PatchForm
+from ..types import Array
+from .geometry import GridGeometry
+from .launching import OpenCLLaunches
+from .patch_tiles import ITEMS, PatchTiles
+
+
+class OpenCLTiledPatches(OpenCLLaunches):
+    """Weights from patches in blocks of cells that a work group has in local memory."""
+
+    def _patch_tiles(
+        self, graph: GridGraph, form: PatchForm, compared: int, channels: int, *, guided: bool, largest: bool = False
+    ) -> tuple[PatchTiles, int] | None:
+        """Return the blocks of a step and their rows; None if the device or the form needs the kernels of strips."""
+        handle = self.device.handle
+        if self.device.kind != "gpu" or graph.ndim != 2 or handle.max_work_group_size < ITEMS:
+            return None
+        tiles = PatchTiles(graph, form, self.dtype.itemsize, compared, channels, guided, largest)
+        rows = tiles.rows(int(handle.local_mem_size))
+        return None if rows is None else (tiles, rows)
+
+    def _tiled_step(
+        self,
+        tiles: PatchTiles,
+        rows: int,
+        f: Array,
+        guide: Array,
+        f0: Array,
+        lam: float | Array,
+        out: Array,
+    ) -> None:
+        """Do one Jacobi sweep at p = 2 from `f` to `out`; the patches are those of `guide`, functions on the device."""
+        graph, form = tiles.graph, tiles.form
+        geometry = self._geometry(graph)
+        assert isinstance(geometry, GridGeometry)
+        words = None if graph.mask is None else tiles.mask_words()
+        lams, lam_options = self._lam(lam)
+        args = [
+            guide.buffer,
+            f.buffer,
+            np.int32(0),
+            self._nothing if words is None else self.upload(words),
+            np.int32(0 if words is None else words.shape[1]),
+            np.int32(tiles.mask_left),
+            self._nothing if form.maps is None else self.put(graph, form.maps).buffer,
+            *(np.int32(size) for size in (*graph.shape, *tiles.reach)),
+            self.upload(tiles.spatial().astype(self.dtype)),
+            self.upload(form.profile.astype(self.dtype)),
+            self.real(form.shift),
+            self.real(tiles.scale(self.real)),
+            self.real(form.cut),
+            np.int64(geometry.pitch),
+            np.int64(geometry.plane),
+            np.int64(geometry.guard),
+            f0.buffer,
+            *lams,
+            out.buffer,
+        ]
+        kernel = "similarity_step_gpu"
+        with self._shared.lock:
+            run = self._kernel(kernel, (*tiles.options(rows), *lam_options), args)
+            run(self._shared.queue, tiles.size(rows), (ITEMS, 1), *args)
