@@ -90,13 +90,25 @@ class Sweeps:
         """Scratch for the conductances."""
         return None if self.p == 2 else self.backend.empty(self.graph, 1)
 
-    def _sweep(self, f: Any, f0: Any, out: Any) -> None:
-        self.backend.sweep(self.weighted, f, f0, self.lam, Smoothness(self.p, self.eps), theta=1.0, g=self.g, out=out)
+    def _sweep(self, f: Any, f0: Any, out: Any, backend: Any = None) -> None:
+        """One sweep, by a backend that may record it."""
+        backend, model = backend or self.backend, Smoothness(self.p, self.eps)
+        backend.sweep(self.weighted, f, f0, self.lam, model, theta=1.0, g=self.g, out=out)
+
+    @cached_property
+    def turns(self) -> list[Any]:
+        """The next iteration, recorded as a solver does, and the one after it."""
+        return list(
+            backends.in_turns(
+                self.backend, lambda backend, f, out: self._sweep(f, self.f0, out, backend), self.pair[0], self.pair[1]
+            )
+        )
 
     def __call__(self) -> None:
         """The iterations, from array to array that stay on the device."""
         for _ in range(self.steps):
-            self._sweep(self.pair[0], self.f0, self.pair[1])
+            self.turns[0]()
+            self.turns.reverse()
             self.pair.reverse()
 
     def host_to_host(self) -> Image:

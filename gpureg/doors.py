@@ -24,10 +24,11 @@ T = TypeVar("T")
 
 _PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
-# Name of the public function that the user called, while it runs.
+# Name of the public function that the user called, while it runs; empty where no name is to be shown.
 _called: ContextVar[str | None] = ContextVar("_called", default=None)
 
-_PACKAGE = f"{Path(__file__).parent}{os.sep}"
+# Whether a public function runs.
+_inside: ContextVar[bool] = ContextVar("_inside", default=False)
 
 # Marks an error that a function of the caller raised.
 _THEIRS = "_raised_by_a_function_of_the_caller"
@@ -103,22 +104,38 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
                 raise TypeError(f"{called}: {old!r} is called {renamed[old]} now")
             if known is not None and old not in known:
                 raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
-        if _called.get() is not None:
+        if _inside.get():
             return function(*args, **given)
-        token = _called.set(called)
+        named = _called.get() is None
+        inside, token = _inside.set(True), _called.set(called if named else _called.get())
         try:
-            return function(*args, **given)
+            return _until_done(function, args, given)
         except (TypeError, ValueError) as error:
-            if type(error) in (TypeError, ValueError) and len(error.args) == 1 and not hasattr(error, _THEIRS):
+            alone = type(error) in (TypeError, ValueError) and len(error.args) == 1
+            if named and alone and not hasattr(error, _THEIRS):
                 said = str(error.args[0])
                 if not said.startswith((f"{called}:", f"{called}()", f"{called}.__init__()")):
                     error.args = (f"{called}: {said}",)
             raise
         finally:
             _called.reset(token)
+            _inside.reset(inside)
 
     outermost.__signature__ = signature  # type: ignore[attr-defined]
     return outermost
+
+
+def _until_done(function: Callable[..., T], args: tuple[Any, ...], given: dict[str, Any]) -> T:
+    """Call a function; call it again after an error whose attribute `again` is True, as after a build that failed.
+
+    Such an error has changed what is chosen. What the call held is freed before the next one.
+    """
+    while True:
+        try:
+            return function(*args, **given)
+        except Exception as error:
+            if not getattr(error, "again", False):
+                raise
 
 
 def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:
@@ -174,13 +191,14 @@ def without_names() -> Iterator[None]:
 @contextmanager
 def calling_back() -> Iterator[None]:
     """Call a function of the caller, such as a callback: its errors stay as they are."""
-    token = _called.set(None)
+    token, inside = _called.set(None), _inside.set(False)
     try:
         yield
     except (TypeError, ValueError) as error:
         setattr(error, _THEIRS, True)
         raise
     finally:
+        _inside.reset(inside)
         _called.reset(token)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from .dispatch import absent, auto, devices, get, names, why_auto
+from .dispatch import absent, auto, devices, get, left_out, names, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
-from .types import Array, BackendUnavailable, Conductance, Device, Smoothness, Storage, Weighted
+from .recorded import Recorded, in_turns
+from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
     "BALL_ROUNDINGS",
@@ -18,7 +19,9 @@ __all__ = [
     "Device",
     "GroupForm",
     "Groups",
+    "LeftOut",
     "PatchForm",
+    "Recorded",
     "Smoothness",
     "Storage",
     "Weighted",
@@ -26,6 +29,8 @@ __all__ = [
     "auto",
     "devices",
     "get",
+    "in_turns",
+    "left_out",
     "names",
     "over_patches",
     "why_auto",

@@ -7,6 +7,7 @@ array of shape (n, channels).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
+from .recorded import Parameter, Replay, Work
 from .types import Array, Device, Storage, Weighted
 
 
@@ -104,6 +106,11 @@ class Data(ABC):
         """Bytes of the largest array that can be allocated."""
         return self.device.memory
 
+    @property
+    def free_memory(self) -> int:
+        """Bytes that are free on the device now; all bytes where its driver does not tell."""
+        return self.device.memory
+
     @abstractmethod
     def topology_bytes(self, graph: AnyGraph) -> int:
         """Return the bytes of the graph without weights; about 0 for a grid."""
@@ -128,6 +135,20 @@ class Data(ABC):
     def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
         """Return the bytes of the temporary memory of a sweep with `norms` gradient norms per vertex."""
         return 0
+
+    # Launches
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        """Do ``work(backend, *parameters)`` once; return a function of the parameters that does it again.
+
+        Unless a backend records its launches, the work itself is done again.
+        """
+        work(self, *parameters)
+
+        def again(*numbers: float) -> None:
+            work(self, *numbers)
+
+        return again
 
     def _out(self, graph: AnyGraph, channels: int, out: Array | None) -> Array:
         """Return `out`, or a new function if it is None."""

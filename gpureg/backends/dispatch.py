@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from . import advice
+from . import advice, failures
 from .protocol import Backend
-from .types import BackendUnavailable, Device
+from .types import BackendUnavailable, Device, LeftOut
 
 # name: (module, what to install if it is missing, and what if it has no device)
 _BACKENDS: dict[str, tuple[str, Callable[[], str], Callable[[], str]]] = {
@@ -33,6 +33,7 @@ TIERS = ("CUDA through Warp", "a GPU through OpenCL", "a CPU through OpenCL", "W
 class _Probe:
     devices: tuple[Device, ...]
     problem: str | None
+    left_out: tuple[LeftOut, ...] = ()
 
 
 _probing = threading.RLock()
@@ -50,12 +51,15 @@ def _probe(name: str) -> _Probe:
 def _ask(name: str) -> _Probe:
     module, install, driver = _BACKENDS[name]
     try:
-        found = tuple(importlib.import_module(module).devices())
+        found = importlib.import_module(module).devices()
     except ImportError as error:
         return _Probe((), f"{error.name or error} is not installed: {install()}")
     except Exception as error:  # a broken driver must not stop the other backends
         return _Probe((), f"it does not start ({type(error).__name__}: {error})")
-    return _Probe(found, None if found else f"no device: {driver()}")
+    devices = tuple(one for one in found if isinstance(one, Device))
+    left_out = tuple(one for one in found if isinstance(one, LeftOut))
+    problem = f"no device can be used, {'; '.join(map(str, left_out))}" if left_out else f"no device: {driver()}"
+    return _Probe(devices, None if devices else problem, left_out)
 
 
 def names() -> tuple[str, ...]:
@@ -71,6 +75,11 @@ def devices() -> list[Device]:
 def absent() -> dict[str, str]:
     """Return the backends without a device, each with the reason and what to install."""
     return {name: problem for name in _BACKENDS if (problem := _probe(name).problem) is not None}
+
+
+def left_out() -> list[LeftOut]:
+    """Return the devices that are there but cannot be used, each with the reason."""
+    return [one for name in _BACKENDS for one in _probe(name).left_out]
 
 
 def _cuda_driver() -> bool:
@@ -89,22 +98,34 @@ def _cuda_driver() -> bool:
 def auto(dtype: npt.DTypeLike = np.float32) -> Device:
     """Choose the device for ``backend="auto"``: the fastest kind that is available and computes in `dtype`.
 
-    The order is CUDA through Warp, an OpenCL GPU, an OpenCL CPU, Warp on the CPU, numpy.
+    The order is CUDA through Warp, an OpenCL GPU, an OpenCL CPU, Warp on the CPU, numpy. Among GPUs those with memory
+    of their own are first, then those with the most compute units times clock. A device that could not build a kernel
+    is left out.
     """
+    return _choose(dtype)[0]
+
+
+def _choose(dtype: npt.DTypeLike) -> tuple[Device, list[Device]]:
+    """Return the device for "auto", and those that it would have taken before if they had not failed."""
     wide = np.dtype(dtype) == np.float64
     # The best tier that a backend can have. A backend that cannot win is not started, as Warp starts slowly.
     at_best = {"warp": 0 if _cuda_driver() else 3, "opencl": 1, "numpy": 4}
     best: Device | None = None
+    failed: list[Device] = []
     for name in sorted(_BACKENDS, key=lambda name: at_best.get(name, 0)):
         if best is not None and best.rank[0] <= at_best.get(name, 0):
             break
         for device in _probe(name).devices:
-            if (device.float64 or not wide) and (best is None or device.rank < best.rank):
+            if wide and not device.float64:
+                continue
+            if failures.why_not(device, dtype) is not None:
+                failed.append(device)
+            elif best is None or device.rank < best.rank:
                 best = device
     assert best is not None  # numpy is always available
     if best.backend == "numpy":
         advice.fell_back()
-    return best
+    return best, [device for device in failed if device.rank < best.rank]
 
 
 def _forced() -> str:
@@ -118,10 +139,12 @@ def why_auto(dtype: npt.DTypeLike = np.float32) -> str:
     forced = _forced()
     if forced:
         return f"GPUREG_BACKEND={forced} overrides auto."
-    device = auto(dtype)
-    better = TIERS[: int(device.rank[0])]
+    device, failed = _choose(dtype)
+    present = {int(one.rank[0]) for one in failed}
+    better = [tier for i, tier in enumerate(TIERS[: int(device.rank[0])]) if i not in present]
     missing = f" (absent here: {', '.join(better)})" if better else ""
-    return f"auto takes {device.id}: {TIERS[int(device.rank[0])]} is the fastest kind present{missing}."
+    left = "".join(f" {one.id} is left out: {failures.why_not(one, dtype)}." for one in failed)
+    return f"auto takes {device.id}: {TIERS[int(device.rank[0])]} is the fastest kind present{missing}.{left}"
 
 
 def _find(name: str, dtype: npt.DTypeLike) -> Device:
@@ -145,6 +168,9 @@ def _find(name: str, dtype: npt.DTypeLike) -> Device:
             if wide and not device.float64:
                 raise BackendUnavailable(f"{name} ({device.name}) does not compute in float64; use dtype float32")
             return device
+    for unfit in probe.left_out:
+        if unfit.id == name:
+            raise BackendUnavailable(f"{unfit}")
     have = ", ".join(device.id for device in probe.devices)
     raise BackendUnavailable(f"no device {name!r}. Devices of this backend: {have}")
 
@@ -185,4 +211,8 @@ def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
             return _make(_find(forced, kind), kind)
         except (ValueError, BackendUnavailable) as error:
             raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
-    return _make(auto(kind) if name == "auto" else _find(name, kind), kind)
+    if name != "auto":
+        return _make(_find(name, kind), kind)
+    best, failed = _choose(kind)
+    failures.chosen(best, kind, failed)
+    return _make(best, kind)

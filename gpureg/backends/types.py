@@ -44,6 +44,8 @@ class Device:
         "auto" takes the smallest: the tier of the dispatcher, then numbers of the backend.
     handle : object
         The device object of the backend's library.
+    watched : bool, default False
+        Whether the system may end a launch that takes seconds, as on a GPU that draws the screen.
     """
 
     backend: str
@@ -56,6 +58,27 @@ class Device:
     float64: bool
     rank: tuple[float, ...]
     handle: Any = field(default=None, repr=False, compare=False)
+    watched: bool = False
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A device that cannot be used, as listed by ``gpureg backends``.
+
+    Attributes
+    ----------
+    id, name : str
+        As those of a :class:`Device`.
+    reason : str
+        A clause.
+    """
+
+    id: str
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.id} ({self.name}): {self.reason}"
 
 
 @dataclass(frozen=True)

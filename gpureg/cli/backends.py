@@ -22,8 +22,8 @@ def _gibibytes(count: int) -> str:
 )
 @click.option("--json", "as_json", is_flag=True, help="Write JSON.")
 def list_backends(as_json: bool) -> None:
-    """List the devices that gpureg can use, the one that `auto` takes, and how to install the missing ones."""
-    found, absent = backends.devices(), backends.absent()
+    """List the devices that gpureg can use, the one that `auto` takes, and why the others are left out."""
+    found, absent, left_out = backends.devices(), backends.absent(), backends.left_out()
     code = 0
     try:
         taken, why = backends.get("auto").device.id, backends.why_auto()
@@ -44,7 +44,8 @@ def list_backends(as_json: bool) -> None:
             }
             for device in found
         ]
-        click.echo(json.dumps({"devices": rows, "absent": absent, "auto": why}, indent=2))
+        unfit = [{"id": one.id, "device": one.name, "reason": one.reason} for one in left_out]
+        click.echo(json.dumps({"devices": rows, "absent": absent, "left_out": unfit, "auto": why}, indent=2))
         raise click.exceptions.Exit(code)
     from rich.console import Console
     from rich.table import Table
@@ -68,4 +69,7 @@ def list_backends(as_json: bool) -> None:
     click.echo(f"\n* {why}")
     for name, problem in absent.items():
         click.echo(f"  {name}: {problem}")
+    for one in left_out:
+        if one.id.partition(":")[0] not in absent:
+            click.echo(f"  {one}")
     raise click.exceptions.Exit(code)

@@ -20,7 +20,7 @@ from ..graphs.grid import AnyGraph, GridGraph
 from ..weights import Constant, Weights, patch_weights
 from .problem import NORMS, Norm, as_weights, lam_numbers
 
-# Share of a device's memory that a job may use. The memory of a CPU also contains the data and packed copies.
+# Share of a CPU's memory that a job may use, as it also has the data and packed copies; and of what a GPU has free.
 _SHARES = {"cpu": 0.5, "gpu": 0.9}
 
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -191,13 +191,16 @@ def memory_needed(
 def budget(backend: Backend, memory: int | None) -> Budget:
     """Return what a job may use: the least of a share of the device's memory, `memory`, and GPUREG_MEMORY.
 
+    The share is that of the whole memory of a CPU, and of the memory of a GPU that is free now.
+
     Raises
     ------
     TypeError, ValueError
         `memory` or GPUREG_MEMORY is not a number of bytes.
     """
     device = backend.device
-    limits = [int(device.memory * _SHARES[device.kind])] if device.memory else []
+    present = backend.free_memory if device.kind == "gpu" else device.memory
+    limits = [int(present * _SHARES[device.kind])] if present else []
     asked = _asked(memory)
     smallest = min([*limits, *asked], default=2**62)
     return Budget(smallest, min(smallest, backend.largest_buffer or smallest), bool(asked) and smallest in asked)

@@ -115,8 +115,8 @@ def regularize(
     progress : bool, default False
         Show a progress bar on the error stream of the terminal.
     memory : int, optional
-        Bytes that the job may use on the device. None: half of a CPU's memory, 90 percent of a GPU's. The environment
-        variable GPUREG_MEMORY, such as "4GiB", can reduce this limit.
+        Bytes that the job may use on the device. None: half of a CPU's memory, 90 percent of what a GPU has free. The
+        environment variable GPUREG_MEMORY, such as "4GiB", can reduce this limit.
 
     Returns
     -------

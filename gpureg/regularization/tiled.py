@@ -84,7 +84,7 @@ def tiles_of(
         return None
     why = why_whole(problem, method, callback=callback is not None, update_weights=update_weights)
     if why is not None:
-        if not allowed.asked and need.total <= device.device.memory and need.largest <= device.largest_buffer:
+        if not allowed.asked and need.total <= device.free_memory and need.largest <= device.largest_buffer:
             return None
         raise MemoryError(
             f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "

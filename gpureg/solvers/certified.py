@@ -17,7 +17,7 @@ from ..model.result import Stop
 from . import multigrid
 from .dual import Dual, hidden
 from .linear import Linear
-from .loop import Course, S, Solver
+from .loop import Course, S, Solver, changed
 from .newton import Newton
 from .stopping import largest_value
 
@@ -136,7 +136,7 @@ class Certified(Solver[_State]):
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one iteration of the method."""
-        return replace(state, inner=state.method.advance(problem, state.inner))
+        return changed(state, inner=state.method.advance(problem, state.inner))
 
     def next_check(self, state: _State, done: int) -> int:
         """Return the next check of the method."""

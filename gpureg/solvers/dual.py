@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..backends import Array
+from ..backends import Array, Backend, Recorded, in_turns
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
-from .loop import Course, Solver
+from .loop import Course, Solver, changed
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class _State:
     p: float  # y is a dual variable for this p
     sigma: float
     unit: float  # of lam and sigma
+    turns: tuple[Recorded, Recorded]  # the next iteration, and the one after it
     t: float = 1.0  # momentum
     dual: float = -math.inf  # D at the last check
     restarts: int = 0
@@ -54,7 +55,7 @@ class Dual(Solver[_State]):
         if backend.max_change(weighted.graph, initial, problem.f0) > 0:
             y, y_previous, f = _from_slopes(problem, initial, y, y_previous, f, sigma)
         backend.copy(weighted.graph, f, out=previous)
-        return _State(f, previous, y, y_previous, problem.p, sigma, _unit(problem))
+        return _begun(problem, f, previous, y, y_previous, sigma)
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
         """Continue from the last y; for p = 1, which needs y in the unit ball, only if it was computed for p = 1."""
@@ -64,24 +65,21 @@ class Dual(Solver[_State]):
         backend.primal(weighted, state.y, problem.f0, problem.lam, out=state.f)
         backend.copy(weighted.graph, state.f, out=state.previous)
         # the first step has beta = 0 and does not use y_previous
-        return _State(state.f, state.previous, state.y, state.y_previous, problem.p, step_size(problem), _unit(problem))
+        return _begun(problem, state.f, state.previous, state.y, state.y_previous, step_size(problem))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do a proximal step on y and compute its f, into the buffers of the second last iterates."""
-        backend, weighted = problem.backend, problem.weighted
         t = (1 + math.sqrt(1 + 4 * state.t**2)) / 2
-        backend.dual_step(
-            weighted,
-            state.y,
-            state.y_previous,
-            state.f,
-            state.previous,
-            problem.model,
-            beta=(state.t - 1) / t,
-            sigma=state.sigma,
+        state.turns[0]((state.t - 1) / t)
+        return changed(
+            state,
+            f=state.previous,
+            previous=state.f,
+            y=state.y_previous,
+            y_previous=state.y,
+            t=t,
+            turns=state.turns[::-1],
         )
-        backend.primal(weighted, state.y_previous, problem.f0, problem.lam, out=state.previous)
-        return replace(state, f=state.previous, previous=state.f, y=state.y_previous, y_previous=state.y, t=t)
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """Compute the duality gap; reset the momentum if D has fallen since the last check."""
@@ -99,6 +97,18 @@ class Dual(Solver[_State]):
         """Describe the process, and its number of restarts."""
         again = f", begun anew {state.restarts} time(s)" if state.restarts else ""
         return f"Accelerated proximal gradient on the dual problem, step {state.sigma / state.unit:.6g}{again}"
+
+
+def _begun(problem: DeviceProblem, f: Array, previous: Array, y: Array, y_previous: Array, sigma: float) -> _State:
+    """Return the state before the first step."""
+
+    def step(backend: Backend, here: tuple[Array, Array], there: tuple[Array, Array], beta: float) -> None:
+        """Overwrite the second last y and f by the next ones."""
+        backend.dual_step(problem.weighted, here[0], there[0], here[1], there[1], problem.model, beta=beta, sigma=sigma)
+        backend.primal(problem.weighted, there[0], problem.f0, problem.lam, out=there[1])
+
+    turns = in_turns(problem.backend, step, (y, f), (y_previous, previous))
+    return _State(f, previous, y, y_previous, problem.p, sigma, _unit(problem), turns)
 
 
 def _unit(problem: DeviceProblem) -> float:

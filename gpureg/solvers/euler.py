@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..backends import Array, Smoothness
+from ..backends import Array, Backend, Smoothness, in_turns
 from ..checks import integer, number
 from ..doors import door
 from ..model.on_device import DeviceProblem
+from .loop import changed
 from .stopping import LOCAL, Process, ProcessState
 
 
 @dataclass(frozen=True)
 class _State(ProcessState):
-    tau: float | Array  # the step; (n, 1) on the device if gamma has a factor per vertex
     step: float
     bound: float
 
@@ -94,16 +94,22 @@ class Euler(Process[_State]):
                     RuntimeWarning,
                     stacklevel=2,
                 )
-        # steps of g = s f are s^2 times as long, because eq. 24 is for f
+        # steps of g = s f are s^2 times as long, because eq. 24 is for f: then tau is (n, 1), on the device
         tau: float | Array = step if problem.scale is None else backend.put(graph, step * problem.scale**2)
         empty, test = backend.empty(graph, problem.channels), self.test(problem, initial)
-        return _State(initial, empty, problem.scratch(), test, problem.p < 1, tau, step * unit, bound * unit)
+        g = problem.scratch()
+
+        def forward(backend: Backend, f: Array, out: Array) -> None:
+            conductances = backend.conductances(problem.weighted, f, problem.model, g=g)
+            backend.euler_step(problem.weighted, f, problem.f0, conductances, problem.lam, tau, out=out)
+
+        turns = in_turns(backend, forward, initial, empty)
+        return _State(initial, empty, g, test, problem.p < 1, turns, step * unit, bound * unit)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one step, into the buffer of the second last iterate."""
-        g = problem.conductances(state.f, state.g)
-        problem.backend.euler_step(problem.weighted, state.f, problem.f0, g, problem.lam, state.tau, out=state.previous)
-        return replace(state, f=state.previous, previous=state.f)
+        state.turns[0]()
+        return changed(state, f=state.previous, previous=state.f, turns=state.turns[::-1])
 
     def describe(self, state: _State) -> str:
         """Describe the process, its step and the bound."""

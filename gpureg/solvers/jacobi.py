@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..backends import Array
+from ..backends import Array, Backend, in_turns
 from ..checks import flag, integer, number
 from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .anderson import MEMORY, Anderson
+from .loop import changed
 from .stopping import LOCAL, Process, ProcessState
 
 # A sweep that still raises the energy after this number of halvings is skipped: the rest is rounding.
@@ -132,12 +133,22 @@ class Jacobi(Process[_State]):
         energy = problem.energy(initial) if guarded else None
         anderson = Anderson.of(problem) if self.accelerate else None
         why = "" if theta == 1 else why
-        test, local = self.test(problem, initial), problem.p < 1
-        return _State(initial, empty, problem.scratch(), test, local, theta, why, energy, anderson)
+        test, local, g = self.test(problem, initial), problem.p < 1, problem.scratch()
+
+        def sweep(backend: Backend, f: Array, out: Array) -> None:
+            backend.sweep(problem.weighted, f, problem.f0, problem.lam, problem.model, theta=theta, g=g, out=out)
+
+        turns = in_turns(problem.backend, sweep, initial, empty)
+        return _State(initial, empty, g, test, local, turns, theta, why, energy, anderson)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one sweep, into the buffer of the second last iterate, or make a mix of the last sweeps."""
-        self._sweep(problem, state, state.theta)
+        if state.anderson is None:
+            state.turns[0]()
+        else:  # its buffers are not always the same two
+            self._sweep(problem, state, state.theta)
+        if state.anderson is None and state.energy is None:
+            return changed(state, f=state.previous, previous=state.f, turns=state.turns[::-1])
         anderson = state.anderson
         if anderson is not None:
             anderson, lower = anderson.after(problem, state.f, state.previous)
@@ -154,8 +165,15 @@ class Jacobi(Process[_State]):
                 halved += 1
                 self._sweep(problem, state, state.theta / 2**halved if halved < _HALVINGS else 0.0)
                 energy = problem.energy(state.previous)
-        halved = state.halved + (halved > 0)
-        return replace(state, f=state.previous, previous=state.f, anderson=anderson, energy=energy, halved=halved)
+        return changed(
+            state,
+            f=state.previous,
+            previous=state.f,
+            turns=state.turns[::-1],
+            anderson=anderson,
+            energy=energy,
+            halved=state.halved + (halved > 0),
+        )
 
     @staticmethod
     def _sweep(problem: DeviceProblem, state: _State, theta: float) -> None:

@@ -44,6 +44,16 @@ else:
     S = TypeVar("S", bound=Iterates)
 
 
+def changed(state: S, **changes: Any) -> S:
+    """Return a copy of a state with other values of some attributes.
+
+    It does the same as ``dataclasses.replace``, which would take half the time of an iteration on a small graph.
+    """
+    made: S = object.__new__(type(state))
+    made.__dict__.update(state.__dict__, **changes)
+    return made
+
+
 @dataclass
 class Course:
     """The history of a run: each list has one entry per check.

@@ -10,7 +10,7 @@ from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
-from ..backends import Array, Conductance
+from ..backends import Array, Conductance, Recorded
 from ..checks import choice, number
 from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
@@ -174,6 +174,8 @@ class ProcessState:
     test : StopTest
     local : bool
         Whether there can be several minima.
+    turns : pair of Recorded
+        The next iteration, and the one after it, which has the two iterates swapped.
     """
 
     f: Array
@@ -181,6 +183,7 @@ class ProcessState:
     g: Array | None
     test: StopTest
     local: bool
+    turns: tuple[Recorded, Recorded]
 
 
 P = TypeVar("P", bound=ProcessState)

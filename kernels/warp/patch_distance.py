@@ -6,7 +6,7 @@ The similarity is w2 with scale = 1/h^2, and w1 with a patch of one pixel, scale
 Exponentials below `cut` count as 0. shift = 2 sigma^2 sum_j g_j per channel subtracts the contribution of noise from
 the distance. f is padded by the radius of the patch (numpy's "reflect"), so that no patch leaves it.
 
-Grid: one work item computes the weights of all forward offsets on a strip of cells (see strip.py), in the layout of
+Grid: one work item computes the weights of all forward offsets on a block of cells (strip.py), in the layout of
 grid.py, including the zeros where an edge leaves the grid or the mask.
 CSR: one work item computes the weights of all edges of one vertex; `site` is the centre of its patch. Line l of the
 patch around cell (y, x) is the cells x - r .. x + r of the padded row y + lines[l].
@@ -71,33 +71,35 @@ def distance(real, M, similarity):
 _WEIGHTS = """
         for (int y = 0; y < rows; ++y) {
             const bool has = from <= y && y < until;
-            const V w = has ? WEIGHT : V{};
             const T* here = p.inside.data + centre0 + y * p.pitch;
             T* const to = out.data + ((cell0 / width + y) * p.n_offsets + k) * width + x0;
-            for (int l = 0; l < columns; ++l)
-                to[l] = has && here[l] > T(0) && here[l + ahead] > T(0) ? ((const T*)&w)[l] : T(0);
+            if (has)
+                WEIGHTS(y);
+            for (int x = 0; x < columns; ++x)
+                to[x] = has && here[x] > T(0) && here[x + ahead] > T(0) ? ((const T*)FOUND)[x] : T(0);
         }
 """
 
 
 @functools.cache
-def make_grid(real, ndim, M, R, maps, similarity, N, S):
-    """Make the kernel for a grid of `ndim` axes, patches of radius R, and packs of N cells on S rows."""
+def make_grid(real, similarity, form):
+    """Make the kernel for a grid, and patches and blocks of a form (`strip.source`)."""
     Patches = strip.struct(real)
-    weights = _WEIGHTS.replace("WEIGHT", "similarity(rho[y], k, centre0 + y * p.pitch)" if similarity else "rho[y]")
+    names = ("weights", "w") if similarity else ("distances", "rho")
+    body = _WEIGHTS.replace("WEIGHTS", names[0]).replace("FOUND", names[1])
 
-    @wp.func_native(strip.source(real, ndim, M, R, N, S, maps=maps, weights=weights))
-    def write_strip(p: Patches, out: wp.array3d(dtype=real), strip: int, pack: int): ...
+    @wp.func_native(strip.source(real, form, body=body))
+    def write_block(p: Patches, out: wp.array3d(dtype=real), strip: int, block: int): ...
 
     @wp.kernel(module="unique", enable_backward=False)
     def patch_distance(
         p: Patches,  # with the forward offsets
-        first: wp.vec2i,  # strip and pack of the launch's first work item
+        first: wp.vec2i,  # strip and block of the launch's first work item
         # output
         out: wp.array3d(dtype=real),  # weights, in the layout of grid.py
     ):
         i, j = wp.tid()
-        write_strip(p, out, first[0] + i, first[1] + j)
+        write_block(p, out, first[0] + i, first[1] + j)
 
     return patch_distance
 

@@ -54,8 +54,9 @@ def as_gpu(device: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> Any:
     if backend.name == "warp":
         from gpureg.backends.warp import patches as warp_patches
 
-        monkeypatch.setattr(warp_patches, "_STRIP_ROWS", 1)
-        monkeypatch.setattr(warp_patches, "_STRIP_BYTES", backend.dtype.itemsize)
+        monkeypatch.setattr(warp_patches, "_ROWS", 1)
+        monkeypatch.setattr(warp_patches, "_PACKS", 1)
+        monkeypatch.setattr(warp_patches, "_PACK_BYTES", backend.dtype.itemsize)
         return backend
     from gpureg.backends.opencl import primitives as opencl
 

@@ -141,7 +141,7 @@ def guarded(backend: Any) -> Any:
         found = object.__new__(kind)
         found.__dict__.update(backend.__dict__)
         found.frames = []
-        for name in ("_topologies", "_layouts", "_sweeps"):  # what was made without guards stays with the other one
+        for name in ("_topologies", "_layouts"):  # what was made without guards stays with the other one
             if hasattr(found, name):
                 setattr(found, name, weakref.WeakKeyDictionary())
         if hasattr(found, "_kept"):

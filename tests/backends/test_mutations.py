@@ -80,7 +80,7 @@ WARP = [
     (Mutation("duality_gap", "prox", "raise_(square + eps * eps, p / two)", "raise_(square, p / two)"), SMOOTH_BALL),
     (Mutation("duality_gap", "duality_gap", "(real(2.0) * lam_u)", "lam_u"), BALL),
     (Mutation("patch_distance", "patch_distance", "from <= y && y < until;", "from < y && y < until;"), PATCHES),
-    (Mutation("similarity_step", "similarity_step", "T(2) * similarity", "similarity"), MASKED),
+    (Mutation("similarity_step", "similarity_step", "T(2) * ((const T*)&total", "((const T*)&total"), MASKED),
     (Mutation("aggregate", "aggregate", "if exists(graph, u) and exists(graph, v):", "if exists(graph, u):"), AVERAGED),
     (Mutation("influence_zones", "influence_zones", "t += z.hop", "t += wp.int64(0)"), ZONES),
 ]

@@ -31,7 +31,7 @@ def test_backends():
 
 def test_backends_json():
     got = json.loads(done(call("backends", "--json")))
-    assert set(got) == {"devices", "absent", "auto"}
+    assert set(got) == {"devices", "absent", "left_out", "auto"}
     keys = {"id", "device", "driver", "kind", "memory_bytes", "vector_width", "float64", "auto"}
     assert [device for device in got["devices"] if not set(device) >= keys] == []
     assert sum(device["auto"] for device in got["devices"]) == 1

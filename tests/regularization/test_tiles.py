@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+
 import numpy as np
 import pytest
 from cases import function, graph, irregular, rng
@@ -163,6 +166,7 @@ def test_backends_tell_the_sizes_of_their_arrays(device: str, monkeypatch: pytes
             return call
 
         monkeypatch.setattr(warp.wp, "zeros", counted(warp.wp.zeros))
+        monkeypatch.setattr(warp.wp, "empty", counted(warp.wp.empty))
         monkeypatch.setattr(backend, "upload", counted(backend.upload))
 
     def asked(work) -> list[int]:
@@ -219,6 +223,14 @@ def test_budget_is_the_least_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GPUREG_MEMORY", "lots")
     with pytest.raises(ValueError, match="GPUREG_MEMORY: memory must be a number of bytes"):
         memory.budget(backend, None)
+
+
+@pytest.mark.parametrize("kind", ["cpu", "gpu"])
+def test_a_gpu_counts_what_is_free(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    backend = copy.copy(backends.get("numpy"))
+    backend.device = dataclasses.replace(backend.device, kind=kind, memory=8000)
+    monkeypatch.setattr(type(backend), "free_memory", property(lambda self: 3000))
+    assert memory.budget(backend, None).total == {"cpu": 4000, "gpu": 2700}[kind]
 
 
 @pytest.mark.parametrize(("wrong", "error"), [(0, ValueError), ("4GiB", TypeError), (True, TypeError)])

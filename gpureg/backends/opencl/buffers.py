@@ -19,9 +19,12 @@ from ...graphs.grid import AnyGraph, GridGraph
 from ..patches import PatchForm
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
+from .failing import raise_if_full
 from .geometry import CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
+from .listing import free_memory
 from .queue import HostBuffer, queue
+from .recording import Record
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
@@ -78,6 +81,8 @@ class OpenCLBuffers(Backend):
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
         self._scratch_memory: cl.Buffer = None
+        # The launches of recorded work, while recording.
+        self._record: Record | None = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         if os.getpid() != self._shared.process:
@@ -101,7 +106,11 @@ class OpenCLBuffers(Backend):
             buffer = HostBuffer(self._shared.context, flags, hostbuf=host[begin : begin + nbytes])
             weakref.finalize(buffer, self._shared.leaving.append, host)
             return buffer
-        return cl.Buffer(self._shared.context, cl.mem_flags.READ_WRITE, max(nbytes, self.dtype.itemsize))
+        try:
+            return cl.Buffer(self._shared.context, cl.mem_flags.READ_WRITE, max(nbytes, self.dtype.itemsize))
+        except cl.Error as error:
+            raise_if_full(self.device.handle, error, allocating=True)
+            raise
 
     def upload(self, host: npt.NDArray[Any]) -> cl.Buffer:
         """Copy a host array to a device buffer."""
@@ -114,7 +123,8 @@ class OpenCLBuffers(Backend):
 
     def _zeros(self, size: int) -> cl.Buffer:
         buffer = self._allocate(size * self.dtype.itemsize)
-        cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
+        with self._shared.lock:
+            cl.enqueue_fill_buffer(self._shared.queue, buffer, self.real(0), 0, max(size, 1) * self.dtype.itemsize)
         return buffer
 
     def _between_zeros(self, size: int, guard: int, itemsize: int) -> cl.Buffer:
@@ -122,7 +132,8 @@ class OpenCLBuffers(Backend):
         buffer = self._allocate(size * itemsize)
         nbytes, edge = max(size, 1) * itemsize, guard * itemsize
         for begin in (0, nbytes - edge) if edge else ():
-            cl.enqueue_fill_buffer(self._shared.queue, buffer, np.uint8(0), begin, edge)
+            with self._shared.lock:
+                cl.enqueue_fill_buffer(self._shared.queue, buffer, np.uint8(0), begin, edge)
         return buffer
 
     def _scratch(self, size: int) -> cl.Buffer:
@@ -225,6 +236,10 @@ class OpenCLBuffers(Backend):
     @property
     def largest_buffer(self) -> int:
         return int(self.device.handle.max_mem_alloc_size)
+
+    @property
+    def free_memory(self) -> int:
+        return free_memory(self.device)
 
     def topology_bytes(self, graph: AnyGraph) -> int:
         return 0 if isinstance(graph, GridGraph) else graph.indptr.nbytes + graph.indices.nbytes

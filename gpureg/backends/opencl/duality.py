@@ -72,8 +72,8 @@ class OpenCLDuality(OpenCLLaunches):
         beta: float,
         sigma: float,
     ) -> Array:
-        numbers = [self.real(x) for x in (beta, sigma, model.p, model.eps)]
-        args = [y.buffer, f.buffer, f_previous.buffer, *numbers, previous.buffer]
+        numbers = [self.real(x) for x in (sigma, model.p, model.eps)]
+        args = [y.buffer, f.buffer, f_previous.buffer, self._real(beta), *numbers, previous.buffer]
         self._run("dual_step", weighted, args, _norms(f.channels, model))
         return previous
 

@@ -157,8 +157,7 @@ class OpenCLGroups(OpenCLLaunches):
         """Run a kernel with `items` work items in each of the groups along the axes of `size`."""
         local = (items, *(1,) * (len(size) - 1))
         size = (size[0] * items, *size[1:])
-        with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+        self._launch(primitive, options, args, size, local)
 
     def get_groups(self, groups: Groups) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         count = math.prod(groups.form.counts(groups.graph.shape))

@@ -5,7 +5,9 @@ Programs are built once per device, primitive and build options, and cached; pyo
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,11 +15,15 @@ import pyopencl as cl
 
 from ... import kernels
 from ...graphs.grid import GridGraph
+from ..failures import build_failed
 from ..patches import PatchForm
+from ..recorded import Parameter, Replay, Work, places
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
+from .failing import built, raise_if_full
 from .geometry import round_up
 from .layout import GridLayout
+from .recording import Record
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
@@ -36,7 +42,11 @@ class OpenCLLaunches(OpenCLBuffers):
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
-            program = cl.Program(self._shared.context, source).build(options=list(key[1]))
+            try:
+                program = built(self._shared.context, source, list(key[1]))
+            except cl.Error as error:
+                raise_if_full(self.device.handle, error)
+                raise build_failed(self.device, self.dtype, primitive, str(error)) from error
             found = self._shared.kernels[key] = program.all_kernels()[0]
             # Without the types, pyopencl guesses that of each scalar: 0.15 ms per launch instead of 0.02.
             found.set_arg_types([arg.dtype if isinstance(arg, np.generic) else None for arg in args])
@@ -78,8 +88,35 @@ class OpenCLLaunches(OpenCLBuffers):
             self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
         )
         args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
+        self._launch(primitive, options, args, size, local)
+
+    def _launch(
+        self,
+        primitive: str,
+        options: tuple[str, ...],
+        args: list[Any],
+        size: tuple[int, ...],
+        local: tuple[int, ...] | None,
+    ) -> None:
+        """Run a kernel over `size` work items, in groups of `local`; add it to the record if there is one."""
+        varying = places(args)
+        args = [self.real(arg) if isinstance(arg, Parameter) else arg for arg in args] if varying else args
         with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+            kernel = self._kernel(primitive, options, args)
+            if self._record is None:
+                kernel(self._shared.queue, size, local, *args)
+            else:
+                self._record.add((primitive, self._options + options), kernel, size, local, args, varying)
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        recorder = copy.copy(self)
+        recorder._record = Record(self._shared, self.real)
+        work(recorder, *parameters)
+        return recorder._record.replay
+
+    def _real(self, x: float) -> Any:
+        """Return a number as a kernel argument that may be a parameter."""
+        return x if isinstance(x, Parameter) else self.real(x)
 
     def _launch_strips(
         self, primitive: str, options: tuple[str, ...], args: list[Any], size: tuple[int, int], strips: Strips
@@ -89,8 +126,7 @@ class OpenCLLaunches(OpenCLBuffers):
         if strips.gpu:
             local = (min(64, self.device.handle.max_work_group_size), 1)
             size = (round_up(size[0], local[0]), size[1])
-        with self._shared.lock:
-            self._kernel(primitive, options, args)(self._shared.queue, size, local, *args)
+        self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
         return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)

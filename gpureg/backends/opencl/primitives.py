@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import numpy.typing as npt
-import pyopencl as cl
 
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
@@ -16,48 +14,11 @@ from .duality import OpenCLDuality
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
 from .layout import GridLayout
+from .listing import devices
 from .patches import OpenCLPatches
-from .queue import vector_width
 from .zones import OpenCLZones
 
-GPU_TIER, CPU_TIER = 1, 2
-
-
-def devices() -> list[Device]:
-    """List all OpenCL devices; rank prefers GPUs, and among CPUs the newest driver."""
-    try:
-        platforms = cl.get_platforms()
-    except cl.Error:  # no driver
-        return []
-    found = []
-    for platform in platforms:
-        try:
-            members = platform.get_devices()
-        except cl.Error:  # a driver without a device
-            continue
-        for device in members:
-            found.append(device)
-    described = []
-    for i, device in enumerate(found):
-        gpu = bool(device.type & cl.device_type.GPU)
-        version = [float(number) for number in re.findall(r"\d+", device.driver_version)[:2]] + [0.0, 0.0]
-        memory = int(device.global_mem_size)
-        described.append(
-            Device(
-                backend="opencl",
-                id=f"opencl:{i}",
-                name=device.name.strip(),
-                driver=f"{device.platform.name} {device.driver_version}",
-                kind="gpu" if gpu else "cpu",
-                memory=memory,
-                vector_width=vector_width(device),
-                float64=bool(device.double_fp_config),
-                # the GPU with more memory first, then the newer driver
-                rank=(GPU_TIER if gpu else CPU_TIER, -memory if gpu else 0, -version[0], -version[1], i),
-                handle=device,
-            )
-        )
-    return described
+__all__ = ["OpenCLBackend", "devices", "make"]
 
 
 class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):

@@ -6,7 +6,6 @@ import contextlib
 import functools
 import os
 import re
-import threading
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,8 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
+from .failing import Turn, raise_if_full
 
-def _pocl_version(device: cl.Device) -> tuple[int, int] | None:
+
+def pocl_version(device: cl.Device) -> tuple[int, int] | None:
+    """Return the version of PoCL, None for another driver."""
     match = re.search(r"PoCL (\d+)\.(\d+)", device.platform.version)
     return (int(match[1]), int(match[2])) if match else None
 
@@ -30,12 +32,16 @@ def vector_width(device: cl.Device) -> int:
         return 1
     native = int(device.native_vector_width_float) or 1
     width = max(w for w in (1, 2, 4, 8, 16) if w <= native)
-    pocl = _pocl_version(device)
+    pocl = pocl_version(device)
     return min(width, 8) if pocl is not None and pocl < (3, 1) else width
 
 
 class HostBuffer(cl.Buffer):  # type: ignore[misc]
     """A buffer in host memory; a subclass, as weakref.finalize needs one."""
+
+
+KernelKey = tuple[str, tuple[str, ...]]
+"""The primitive and all build options of a kernel."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +50,9 @@ class Queue:
 
     context: cl.Context
     queue: cl.CommandQueue
-    kernels: dict[tuple[str, tuple[str, ...]], cl.Kernel]
-    lock: threading.RLock  # a kernel object stores its arguments: one caller at a time
+    kernels: dict[KernelKey, cl.Kernel]
+    spare: dict[KernelKey, list[cl.Kernel]]  # kernel objects of deleted records
+    lock: Turn  # a kernel object stores its arguments: one caller at a time
     process: int
     # Host memory of deleted buffers: queued work may still use it, until the next wait is over.
     leaving: deque[npt.NDArray[np.uint8]]
@@ -59,8 +66,9 @@ class Queue:
                 gone.append(self.leaving.popleft())
         try:
             yield
-        except BaseException:  # the call may not have waited
+        except BaseException as error:  # the call may not have waited
             self.leaving.extend(gone)
+            raise_if_full(self.context.devices[0], error, allocating=True)
             raise
 
 
@@ -68,4 +76,4 @@ class Queue:
 def queue(device: cl.Device) -> Queue:
     """Return the shared queue of this device."""
     context = cl.Context([device])
-    return Queue(context, cl.CommandQueue(context), {}, threading.RLock(), os.getpid(), deque())
+    return Queue(context, cl.CommandQueue(context), {}, {}, Turn(device), os.getpid(), deque())

@@ -16,6 +16,7 @@ from ...kernels.warp.lanes import LANES
 from ..groups import GroupForm, Groups, group_planes, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
+from . import memory
 from .launching import WarpLaunches
 from .pool import PACK_SPEED
 
@@ -62,9 +63,9 @@ class WarpGroups(WarpLaunches):
         search.nearest, search.most = min(form.nearest, form.places), form.most
         each = math.prod(2 * w + 1 for w in form.window[:-1]) * line
         band = min(self._band(each), len(references))
-        search.scratch = wp.empty(band * each, dtype=self.real, device=self._on)
-        members = wp.zeros((len(references), form.most), dtype=wp.int32, device=self._on)
-        sizes = wp.zeros(len(references), dtype=wp.int32, device=self._on)
+        search.scratch = memory.empty(band * each, dtype=self.real, device=self._on)
+        members = memory.zeros((len(references), form.most), dtype=wp.int32, device=self._on)
+        sizes = memory.zeros(len(references), dtype=wp.int32, device=self._on)
         for begin in range(0, len(references), band):
             items = min(band, len(references) - begin)
             work = items * form.places * form.cells * len(planes) // PACK_SPEED
@@ -97,14 +98,14 @@ class WarpGroups(WarpLaunches):
         step.order, step.starts = self._indices(order), self._indices(starts)
         multiple = max(N, 4)
         step.pitch = P = -(-form.cells // multiple) * multiple
-        step.total = wp.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
-        count = wp.zeros(math.prod(shape), dtype=self.real, device=self._on)
+        step.total = memory.zeros(m * math.prod(shape), dtype=self.real, device=self._on)
+        count = memory.zeros(math.prod(shape), dtype=self.real, device=self._on)
         # two tables of the patches of a group, two of its matrices, and five rows
         each = (2 * -(-form.most // 4) * 4 + 2 * P + 5) * P * m
         items = np.arange(len(starts)) if whole else starts
         bands = _bands(items, phases, self._band(each))
         most = max(int(items[b] - items[a]) for a, b in bands)
-        step.scratch = wp.zeros(most * each, dtype=self.real, device=self._on)
+        step.scratch = memory.zeros(most * each, dtype=self.real, device=self._on)
         for a, b in bands:
             work = int(starts[b] - starts[a]) * m * form.most * form.cells**2 // PACK_SPEED
             dim = (int(items[b] - items[a]) * m * lanes,)

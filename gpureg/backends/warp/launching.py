@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import itertools
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,14 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
+from ..failures import build_failed
 from ..protocol import Backend
+from ..recorded import Parameter, Replay, Work
 from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
-from . import pool
+from . import memory, pool
 from .layout import Bound, Csr, Grid, channels_of, equal_cuts
-from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, compiled, launch_all
+from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
+from .recording import Record
 
 # Segments of a long sum: enough to use a whole device, few enough for the host to add.
 _CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
@@ -43,8 +46,8 @@ class WarpLaunches(Backend):
         self.real = wp.float64 if self.dtype == np.float64 else wp.float32
         self._on = device.handle
         self._layouts: weakref.WeakKeyDictionary[AnyGraph, Csr | Grid] = weakref.WeakKeyDictionary()
-        # The recorded launches, while recording.
-        self._recorded: list[list[Any]] | None = None
+        # The launches of recorded work, while recording.
+        self._record: Record | None = None
 
     # Buffers
 
@@ -54,7 +57,7 @@ class WarpLaunches(Backend):
             values = np.zeros(tuple(max(size, 1) for size in values.shape), values.dtype)
         # Without a shape, Warp removes one axis too many from an array of size 1 on every axis.
         shape = values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))]
-        return wp.array(np.ascontiguousarray(values), dtype=dtype, shape=shape, device=self._on)
+        return memory.copied(np.ascontiguousarray(values), dtype=dtype, shape=shape, device=self._on)
 
     def _upload_reals(self, values: npt.NDArray[Any]) -> Any:
         return self.upload(values.astype(self.dtype, copy=False), self.real)
@@ -87,7 +90,7 @@ class WarpLaunches(Backend):
         return np.array(x.numpy()).reshape(graph.n_vertices, channels_of(x))
 
     def empty(self, graph: AnyGraph, channels: int) -> Array:
-        return wp.zeros(self._layout(graph).shape, dtype=reals.vector(self.real, channels), device=self._on)
+        return memory.zeros(self._layout(graph).shape, dtype=reals.vector(self.real, channels), device=self._on)
 
     def prepare(self, graph: AnyGraph, weights: FloatArray | None) -> Weighted:
         weights = host_weights(graph, weights)
@@ -115,9 +118,13 @@ class WarpLaunches(Backend):
 
     def empty_edges(self, graph: AnyGraph, channels: int) -> Array:
         shape = tuple(max(size, 1) for size in self._layout(graph).edge_shape())
-        return wp.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
+        return memory.zeros(shape, dtype=reals.vector(self.real, channels), device=self._on)
 
     # Sizes
+
+    @property
+    def free_memory(self) -> int:
+        return min(int(self._on.free_memory), self.device.memory) if self._on.is_cuda else self.device.memory
 
     def topology_bytes(self, graph: AnyGraph) -> int:
         return 0 if isinstance(graph, GridGraph) else 4 * (graph.n_vertices + 1 + graph.n_edges)
@@ -145,7 +152,10 @@ class WarpLaunches(Backend):
         cuts: Callable[[int, int], list[int]] = equal_cuts,
     ) -> None:
         """Run the kernel that `make` makes for `options` over `dim` work items; `work` is their work in total."""
-        kernel = compiled(self._on.alias, make, *options)
+        try:
+            kernel = compiled(self._on.alias, make, *options)
+        except CompileError as error:
+            raise build_failed(self.device, self.dtype, error.kernel, str(error)) from error
         command = wp.launch(
             kernel,
             dim=dim,
@@ -169,9 +179,15 @@ class WarpLaunches(Backend):
                     piece.set_dim((*dim[:axis], last - first, *dim[axis + 1 :]))
                     piece.set_param_at_index(len(inputs), wp.vec2i(0, first) if axis else wp.vec2i(first, 0))
                     commands.append(piece)
-        if self._recorded is not None:
-            self._recorded.append(commands)
+        if self._record is not None:
+            self._record.add(commands, [*inputs, out])
         launch_all(commands)
+
+    def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
+        recorder = copy.copy(self)
+        recorder._record = Record()
+        work(recorder, *parameters)
+        return recorder._record.replay
 
     def _run(
         self, make: Callable[..., Any], weighted: Weighted, options: tuple[Any, ...], inputs: list[Any], out: Any
@@ -237,7 +253,7 @@ class WarpLaunches(Backend):
     ) -> FloatArray:
         """Compute one number per segment of each row, (rows, segments)."""
         segments, cut = self._segments(shape)
-        out = wp.zeros((shape[0], segments), dtype=dtype, device=self._on)
+        out = memory.zeros((shape[0], segments), dtype=dtype, device=self._on)
         self._launch((shape[0], segments), make, options, [*inputs, *cut], out, work=work)
         partial: FloatArray = out.numpy()
         return partial

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,105 +18,149 @@ from ...kernels.warp import (
     similarity_step,
     strip,
 )
-from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines, reflected
+from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
-from .launching import WarpLaunches
+from . import memory
 from .layout import channels_of
+from .planes import WarpPlanes
 from .pool import PACK_SPEED
 
-# A strip on the CPU: rows, bytes of neighbouring cells, and bytes of scratch per work item, which fit the L1 cache.
-_STRIP_ROWS, _STRIP_BYTES, _STRIP_SCRATCH = 32, 128, 1 << 15
+# A block of cells on the CPU: its rows, bytes of a pack, and packs of a row with two sums per cell, or fewer packs with
+# more sums: the sums of a work item fit the L2 cache.
+_ROWS, _PACK_BYTES, _PACKS = 32, 64, 8
+
+# With a row length of a multiple of this, neighbouring rows would share the sets of a cache.
+_ALIASING_BYTES = 1 << 12
 
 
-class WarpPatches(WarpLaunches):
+@dataclass(frozen=True)
+class _Blocks:
+    """A grid, cut into blocks of S rows of B packs of N cells, and the planes that their kernels read.
+
+    Attributes
+    ----------
+    graph : GridGraph
+    radius, average : int
+        Radius of a patch, and of a square of patches whose weights are added, in cells.
+    N, S, B : int
+    itemsize : int
+        Bytes of a number.
+    """
+
+    graph: GridGraph
+    radius: int
+    average: int
+    N: int
+    S: int
+    B: int
+    itemsize: int
+
+    @property
+    def count(self) -> tuple[int, int]:
+        """Number of strips of blocks, and of blocks in a strip."""
+        *lead, height, width = (1, *self.graph.shape)
+        if self.graph.ndim == 1:
+            return 1, -(-width // (self.B * self.N))
+        return math.prod(lead) * -(-height // self.S), -(-width // (self.B * self.N))
+
+    @property
+    def reach(self) -> int:
+        """Largest offset along the last axis, in cells."""
+        return int(np.abs(self.graph.offsets[:, -1]).max(initial=0))
+
+    @property
+    def left(self) -> int:
+        """Zeros in a padded row before its first patch."""
+        return self.reach + self.average
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells of a plane along each axis."""
+        span = self.B + -(-2 * self.average // self.N)
+        beyond = span + -(-2 * self.radius // self.N) - self.B
+        pitch = self.left + self.count[1] * self.B * self.N + beyond * self.N + self.reach
+        pitch = -(-pitch // self.N) * self.N
+        if self.N > 1 and pitch * self.itemsize % _ALIASING_BYTES == 0:
+            pitch += self.N
+        return *(size + 2 * self.radius for size in self.graph.shape[:-1]), pitch
+
+
+class WarpPatches(WarpPlanes):
     """Weights computed from patches, and one step with weights that are not stored."""
+
+    averages = True
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
         if not isinstance(graph, GridGraph):
             return (math.prod(padded_shape(graph, radius)) * channels * self.dtype.itemsize, 8 * graph.n_vertices)
-        return self._plane_bytes(graph, channels, radius, graph.forward_offsets)
+        return self._plane_bytes(graph, channels, radius)
 
     def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
-        if guide is not None:
-            return super().step_bytes(graph, channels, guide, radius)
-        return self._plane_bytes(graph, channels, radius, graph.offsets)
+        planes = self._plane_bytes(graph, channels, radius)
+        return planes if guide is None else planes + self._plane_bytes(graph, guide, radius)
 
-    def _plane_bytes(self, graph: GridGraph, channels: int, radius: int, offsets: IntArray) -> tuple[int, ...]:
-        """Return the bytes of the padded function, and of the plane with the mask, for strips."""
-        *rows, width = padded_shape(graph, radius)
-        plane = math.prod(rows) * (width + sum(self._guards(offsets, radius))) * self.dtype.itemsize
-        return channels * plane, plane
+    def _plane_bytes(self, graph: GridGraph, channels: int, radius: int) -> tuple[int, ...]:
+        """Return the bytes of a function and the mask on the device, and of their planes."""
+        plane = math.prod(self._blocks(graph, radius, 0, 2).shape) * self.dtype.itemsize
+        mask = () if graph.mask is None else (self.function_bytes(graph, 1),)
+        return self.function_bytes(graph, channels), *mask, channels * plane, plane
 
-    def _strip_width(self) -> int:
-        """Return the number of neighbouring cells of a row that a strip computes at once."""
-        return _STRIP_BYTES // self.dtype.itemsize if self._on.is_cpu else 1
-
-    def _guards(self, offsets: IntArray, radius: int) -> tuple[int, int]:
-        """Return the zeros before and after a padded row: the reach of the window and of a pack."""
-        left = int(np.abs(offsets[:, -1]).max(initial=0))
-        return left, left + 2 * self._strip_width() + 2 * radius
-
-    def _launch_strips(
-        self,
-        make: Callable[..., Any],
-        graph: GridGraph,
-        f: FloatArray,
-        form: PatchForm,
-        backward: bool,
-        options: tuple[Any, ...],
-        inputs: list[Any],
-        out: Any,
-    ) -> None:
-        """Run a kernel over the strips of ``strip.py``; `backward`: the whole window instead of its forward half."""
-        M, ndim, r, width = f.shape[1], graph.ndim, form.radius, graph.shape[-1]
-        height = graph.shape[-2] if ndim > 1 else 1
-        N, S = self._strip_width(), 1
+    def _blocks(self, graph: GridGraph, radius: int, average: int, sums: int) -> _Blocks:
+        """Return the blocks for patches of a radius, averaged over a radius, with so many sums per cell."""
+        N, S, B = 1, 1, 1
         if self._on.is_cpu:
-            S = min(_STRIP_ROWS, max(_STRIP_SCRATCH // (_STRIP_BYTES * (M + 2)), 1), height)
-        half = np.ones(graph.half_window) if form.spatial is None else form.spatial
-        offsets, spatial = graph.forward_offsets, half
-        if backward:
-            offsets, spatial = graph.offsets, np.concatenate([half[::-1], half])
-        # Planes of rows with zeros on both sides, as far as the window and a pack reach.
-        padded = reflected(graph, np.asarray(f, self.dtype), r)
-        left, right = self._guards(offsets, r)
-        inside = np.zeros((1, *padded.shape[1:]), self.dtype)
-        inside[(slice(None), *(slice(r, r + size) for size in graph.shape))] = 1 if graph.mask is None else graph.mask
-        guards = [(0, 0)] * ndim + [(left, right)]
-        planes, within = np.pad(padded, guards), np.pad(inside, guards)
+            N, S = _PACK_BYTES // self.dtype.itemsize, _ROWS if graph.ndim > 1 else 1
+            while B * sums < _PACKS * 2 and B < _PACKS:
+                B *= 2
+        return _Blocks(graph, radius, average, N, S, B, self.dtype.itemsize)
+
+    def _patches(
+        self, blocks: _Blocks, form: PatchForm, compared: Array, offsets: IntArray, spatial: FloatArray
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Return the struct of ``strip.py``, and the form of its source; `compared` is a function on the device."""
+        graph, r, ndim, shape = blocks.graph, form.radius, blocks.graph.ndim, blocks.shape
+        place = ((r,) * ndim, shape, (0,) * (ndim - 1) + (blocks.left,))
         maps = None if form.scale is None else form.maps
         # The patch along the leading axes, on three axes or more, as steps in rows.
         leading = form.window(max(ndim - 2, 0))
-        lines = patch_jumps(leading.shape, row_major(padded.shape[1:-1])[: leading.ndim])
+        lines = patch_jumps(leading.shape, row_major(shape[:-1])[: leading.ndim])
 
         patches = strip.struct(self.real)()
-        patches.f, patches.inside = self._upload_reals(planes.ravel()), self._upload_reals(within.ravel())
-        patches.plane, patches.pitch, patches.left = planes[0].size, planes.shape[-1], left
+        patches.f = self._planes(graph, compared, *place)
+        patches.inside = self._planes(graph, self._mask_function(graph), *place, reflects=False)
+        patches.masked = graph.mask is not None
+        if maps is not None:
+            patches.maps = self._planes(graph, maps, *place, reflects=False)
+        patches.plane, patches.pitch, patches.left = math.prod(shape), shape[-1], blocks.left
         patches.sizes = self.upload(np.array(graph.shape, np.int32), wp.int32)
         patches.offsets, patches.n_offsets = self.upload(offsets.astype(np.int32).ravel(), wp.int32), len(offsets)
         patches.spatial, patches.profile = self._upload_reals(spatial), self._upload_reals(form.profile)
         patches.lines = self.upload(lines.astype(np.int32), wp.int32)
         patches.line_weights = self._upload_reals(leading.ravel())
-        if maps is not None:
-            cells = np.moveaxis(maps.reshape(*graph.shape, 2), -1, 0)
-            around = [(0, 0)] + [(r, r)] * (ndim - 1) + [(r + left, r + right)]
-            patches.maps = self._upload_reals(np.pad(cells, around).ravel())
         patches.shift, patches.scale = form.shift, 0.0 if form.scale is None else form.scale
         patches.cut = form.cut
+        flat = bool((form.profile == 1).all())
+        size = (blocks.N, blocks.S, blocks.B)
+        return patches, (ndim, self.channels(compared), r, blocks.average, flat, maps is not None, *size)
 
-        dim = (math.prod(graph.shape[:-2]) * -(-height // S), -(-width // N))
-        work = graph.n_vertices * (1 + len(offsets)) * len(form.profile) * M // PACK_SPEED
-        options = (self.real, ndim, M, r, maps is not None, *options, N, S)
-        self._launch(dim, make, options, [patches, *inputs], out, work=work)
+    def _work(self, graph: GridGraph, form: PatchForm, offsets: IntArray, channels: int) -> int:
+        """Return the work of a launch over the cells of a grid."""
+        return graph.n_vertices * (1 + len(offsets)) * len(form.profile) * channels // PACK_SPEED
 
     def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
         if storage != "full":
             raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
-            weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
             if graph.half_window:
-                self._launch_strips(patch_distance.make_grid, graph, f, form, False, (similarity,), [], weights)
+                compared, offsets = self._function(graph, f), graph.forward_offsets
+                blocks = self._blocks(graph, form.radius, 0, 2)
+                half = np.ones(graph.half_window) if form.spatial is None else form.spatial
+                patches, source = self._patches(blocks, form, compared, offsets, half)
+                work = self._work(graph, form, offsets, self.channels(compared))
+                made = (self.real, similarity, source)
+                self._launch(blocks.count, patch_distance.make_grid, made, [patches], weights, work=work)
             return self._bind(graph, weights)
         padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
@@ -138,7 +182,7 @@ class WarpPatches(WarpLaunches):
             None if form.spatial is None else self._upload_reals(form.spatial),
             None if form.maps is None else self._upload_reals(form.maps.ravel()),
         ]
-        weights = wp.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+        weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
         options = (bare.access, m, similarity, form.spatial is not None, form.maps is not None)
         self._launch_vertices(layout, patch_distance.make_csr, options, inputs, weights)
         return self._bind(graph, weights)
@@ -168,9 +212,19 @@ class WarpPatches(WarpLaunches):
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
-        if form.scale is None or guide is not None:
+        if form.scale is None:
             return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
-        out = self.empty(graph, f.shape[1]) if out is None else out
-        options = (isinstance(lam, wp.array), largest)
-        self._launch_strips(similarity_step.make, graph, f, form, True, options, [f0, lam], out)
+        values = self._function(graph, f)
+        compared, M = values if guide is None else self._function(graph, guide), self.channels(values)
+        out = self.empty(graph, M) if out is None else out
+        blocks = self._blocks(graph, form.radius, form.average, 1 + M + largest)
+        half = np.ones(graph.half_window) if form.spatial is None else form.spatial
+        patches, source = self._patches(blocks, form, compared, graph.offsets, np.concatenate([half[::-1], half]))
+        planes = patches.f
+        if guide is not None:
+            before = (0,) * (graph.ndim - 1) + (blocks.left,)
+            planes = self._planes(graph, values, (form.radius,) * graph.ndim, blocks.shape, before)
+        options = (self.real, M, isinstance(lam, wp.array), largest, source)
+        work = self._work(graph, form, graph.offsets, self.channels(compared))
+        self._launch(blocks.count, similarity_step.make, options, [patches, planes, f0, lam], out, work=work)
         return out

@@ -32,6 +32,14 @@ def quiet() -> Iterator[None]:
         wp.config.log_level = level
 
 
+class CompileError(Exception):
+    """A kernel that Warp cannot compile: its name, and what the compiler said."""
+
+    def __init__(self, kernel: str, log: str) -> None:
+        super().__init__(log)
+        self.kernel = kernel
+
+
 _compiling = threading.RLock()
 
 
@@ -40,7 +48,12 @@ def compiled(alias: str, make: Callable[..., Any], *options: Any) -> Any:
     """Return the kernel that `make` makes for these options, compiled and loaded; cached."""
     with _compiling, quiet():
         kernel = make(*options)
-        wp.load_module(kernel.module, alias)
+        try:
+            wp.load_module(kernel.module, alias)
+        except MemoryError:
+            raise
+        except Exception as error:  # Warp raises many kinds: of its own, of the compiler, of the system
+            raise CompileError(make.__module__.rpartition(".")[2], f"{type(error).__name__}: {error}") from error
         return kernel
 
 

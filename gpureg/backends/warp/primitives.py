@@ -2,14 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import os
-import tempfile
-import weakref
-from collections.abc import Iterator
-from typing import Any
-
 import numpy.typing as npt
 import warp as wp
 
@@ -23,81 +15,20 @@ from ...kernels.warp import (
     jacobi_step,
     p_laplacian,
 )
-from ..numpy import primitives as host
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
-from . import pool
 from .duality import WarpDuality
 from .groups import WarpGroups
 from .layout import channels_of
+from .listing import devices
 from .patches import WarpPatches
-from .pool import launch_all, quiet
 from .zones import WarpZones
 
-CUDA_TIER, CPU_TIER = 0, 3
-
-# Recorded sweeps per weighted graph: two orders of the buffers, times a few values of theta.
-_SWEEPS = 8
-
-_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
-
-
-@contextlib.contextmanager
-def _without_driver_warning() -> Iterator[None]:
-    """Drop the line that Warp's C++ writes to stderr if there is no CUDA driver; Warp has no setting for it."""
-    try:
-        stderr = os.dup(2)
-    except OSError:  # a process without stderr
-        yield
-        return
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-            said.seek(0)
-            for line in said:
-                if _NO_DRIVER not in line:
-                    os.write(2, line)
-
-
-def devices() -> list[Device]:
-    """List all CUDA devices, then the CPU."""
-    with quiet(), _without_driver_warning():
-        wp.init()
-    processor = host.devices()[0]
-    described = []
-    for i, device in enumerate(wp.get_devices()):
-        gpu = bool(device.is_cuda)
-        driver = f"Warp {wp.config.version}"
-        if gpu:
-            driver += ", CUDA {}.{}".format(*wp.get_cuda_driver_version())
-        described.append(
-            Device(
-                backend="warp",
-                id=f"warp:{device.alias}",
-                name=device.name if gpu else processor.name,
-                driver=driver,
-                kind="gpu" if gpu else "cpu",
-                memory=int(device.total_memory) if gpu else processor.memory,
-                vector_width=1,
-                float64=True,
-                rank=(CUDA_TIER if gpu else CPU_TIER, i),
-                handle=device,
-            )
-        )
-    return sorted(described, key=lambda device: device.rank)
+__all__ = ["WarpBackend", "devices", "make"]
 
 
 class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
-
-    def __init__(self, device: Device, dtype: npt.DTypeLike) -> None:
-        super().__init__(device, dtype)
-        # The launches of recorded sweeps, as long as their weights live.
-        self._sweeps: weakref.WeakKeyDictionary[Weighted, dict[Any, Any]] = weakref.WeakKeyDictionary()
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
         self._run(degree.make, weighted, (False,), [], out)
@@ -163,41 +94,6 @@ class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
         inputs = [bound.argument, f, f0, lam, model.p, self._squared(model.eps)]
         layout = bound.layout
         return float(self._partial(energy.make, layout.shape, options, inputs, wp.float64, layout.work).sum())
-
-    def sweep(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        lam: float | Array,
-        model: Smoothness,
-        *,
-        theta: float,
-        g: Array | None,
-        out: Array,
-    ) -> Array:
-        """Do a sweep; the second time with the same arguments, repeat its recorded launches.
-
-        A solver swaps the same two buffers. For a small graph, Python's checks of the arguments would take longer than
-        the GPU.
-        """
-        if model.has_function and g is None:  # a new array for g each time
-            return super().sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
-        arrays = (f, f0, lam, g, out)
-        key = (*(x if isinstance(x, float | int) else id(x) for x in arrays), model, theta, pool.cores())
-        past = self._sweeps.setdefault(weighted, {})
-        if key in past:
-            for commands in past[key][0]:
-                launch_all(commands)
-            return out
-        recorder = copy.copy(self)
-        recorder._recorded = []
-        super(WarpBackend, recorder).sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
-        if len(past) >= _SWEEPS:
-            past.clear()
-        # store the arrays too, so that no new array gets the id of a deleted one
-        past[key] = (recorder._recorded, arrays)
-        return out
 
     def finish(self) -> None:
         wp.synchronize_device(self._on)

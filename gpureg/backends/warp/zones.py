@@ -10,6 +10,7 @@ import warp as wp
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import influence_zones
 from ..zones import ROUNDS, Distances, Lengths, Rounds, blocks, guarded
+from . import memory
 from .launching import WarpLaunches
 from .layout import Csr
 from .pool import cores
@@ -30,9 +31,9 @@ class WarpZones(WarpLaunches, Rounds):
         zones.reach, zones.hop = n, hop  # all vertices in the first round, then those near other blocks
         items = -(-n // zones.block)
         here = [self.upload(x, wp.int64) for x in (mu, tag)]
-        there = [wp.empty(n, dtype=wp.int64, device=self._on) for _ in range(2)]
-        changed = wp.zeros(items, dtype=wp.int32, device=self._on)
-        zones.place, zones.heap = (wp.zeros(n if cpu else 1, dtype=wp.int32, device=self._on) for _ in range(2))
+        there = [memory.empty(n, dtype=wp.int64, device=self._on) for _ in range(2)]
+        changed = memory.zeros(items, dtype=wp.int32, device=self._on)
+        zones.place, zones.heap = (memory.zeros(n if cpu else 1, dtype=wp.int32, device=self._on) for _ in range(2))
         options = (isinstance(graph, GridGraph),)
         moved = True
         while moved:
