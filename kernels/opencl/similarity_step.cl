@@ -129,23 +129,24 @@ ALONE __kernel void similarity_step(
 #else
 ALONE __kernel void similarity_step(
     STRIP_ARGS,
-    __global const real *f, /* M planes, as the guide's */
+    __global const real *f, /* planes as the guide's */
+    const int channel,      /* the first of the M channels of f, f0 and out */
     FUNCTION_ARGS)
 {
     STRIP_PLACE
     if (x0 >= width_) return;
     realN total[S * B], pull[S * B * M];
     BLOCK_ARRAYS
-    for (int i = 0; i < S * B; ++i) total[i] = 0;
+    UNROLL for (int i = 0; i < S * B; ++i) total[i] = 0;
 #ifdef LARGEST
     realN largest[S * B];
-    for (int i = 0; i < S * B; ++i) largest[i] = 0;
+    UNROLL for (int i = 0; i < S * B; ++i) largest[i] = 0;
 #endif
-    for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
+    UNROLL for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
         BLOCK_OF(k)
-        for (int y = from; y < until; ++y) {
+        EACH_ROW (y, from, until) {
             ROW_OF(y)
 #pragma unroll
             for (int p = 0; p < B; ++p) {
@@ -155,11 +156,14 @@ ALONE __kernel void similarity_step(
 #ifdef LARGEST
                 largest[y * B + p] = fmax(largest[y * B + p], w);
 #endif
-                for (int c = 0; c < M; ++c) pull[(y * B + p) * M + c] += w * LOAD(f, c * padded_plane + v);
+                realN *sums = pull + (y * B + p) * M;
+                UNROLL for (int c = 0; c < M; ++c) sums[c] += w * LOAD(f, (channel + c) * padded_plane + v);
             }
         }
     }
-    for (int y = 0; y < rows; ++y)
+    f0 += channel * plane;
+    out += channel * plane;
+    EACH_ROW (y, 0, rows)
         for (int p = 0; p < B && x0 + p * N < width_; ++p)
             FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y, UNIT_OF_LAM(y * B + p));
 }

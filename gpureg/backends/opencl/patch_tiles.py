@@ -1,8 +1,9 @@
-"""Patches on a GPU: the blocks of cells of ``patch_tile.cl``, and what a work group has in registers and local memory."""
+"""Patches on a GPU: the blocks of cells of ``patch_tile.cl``, and what fits in registers and local memory."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,13 @@ from .strips import exp2_scale
 # Work items of a group, and steps along a row that a tile has room for, as in the kernel.
 ITEMS, CHUNK = 128, 24
 # Rows of a block: the first that has room.
-_ROWS = (16, 8, 4)
+_ROWS = (16, 12, 8, 4)
+# Channels of a launch, where all of them have no room.
+_CHANNELS = 4
 # Largest patches, and largest averaged ones: beyond them the kernels have no sums.
 _RADIUS, _AVERAGE = 8, 3
 # 32-bit numbers of a work item in registers at most, of 255 registers: the rest is for addresses and products.
-_REGISTERS = 150
+_REGISTERS = 152
 # Local memory that a kernel may use without options of a driver: 48 KiB on NVIDIA's, 64 on AMD's.
 _LOCAL_BYTES = 48 << 10
 # Bits of a word of a mask.
@@ -41,11 +44,13 @@ class PatchTiles:
     compared : int
         Channels that the patches compare, Q.
     channels : int
-        Channels of the function that is averaged, M.
+        Channels of a launch of the function that is averaged, M.
     guided : bool
-        Whether that is another function than the patches compare.
+        Whether that is another function than the patches compare, or has other channels.
     largest : bool
         Whether the largest weight around each vertex is found.
+    rows : int
+        Rows of a block, S.
     """
 
     graph: GridGraph
@@ -55,25 +60,32 @@ class PatchTiles:
     channels: int
     guided: bool
     largest: bool
+    rows: int = _ROWS[0]
 
     @property
     def _points(self) -> bool:
         """Whether single cells are compared, without sums."""
         return self.form.radius + self.form.average == 0
 
-    def registers(self, rows: int) -> int:
-        """Return the 32-bit numbers of a work item for blocks of `rows` rows."""
-        radius = self.form.radius
-        numbers = rows * (2 + 2 * self.channels + self.largest + 4 * (self.form.maps is not None))
+    @property
+    def registers(self) -> int:
+        """32-bit numbers of a work item."""
+        rows, form, more = self.rows, self.form, self.rows // 4 + self.form.average
+        numbers = rows * (2 + 2 * self.channels + self.largest)
         if self._points:
             numbers += rows * self.compared * (1 + self.guided)
         else:
-            numbers += (self.compared + 1) * (rows + 2 * radius)
-        return numbers * self.itemsize // 4
+            numbers += (self.compared + 1) * (rows + 2 * form.radius)
+        addresses = rows // 2 * self.guided
+        if form.maps is not None:
+            numbers, addresses = numbers + 4 * rows, addresses + rows // 2
+        addresses += 3 * more * (self.graph.mask is not None)
+        return numbers * self.itemsize // 4 + addresses
 
-    def local_bytes(self, rows: int) -> int:
-        """Return the bytes of local memory of a work group for blocks of `rows` rows."""
-        average = self.form.average
+    @property
+    def local_bytes(self) -> int:
+        """Bytes of local memory of a work group."""
+        rows, average = self.rows, self.form.average
         numbers = self.compared * (rows + 2 * self.form.radius) * (ITEMS + CHUNK)
         if not self._points:
             numbers += (1 if average else 2) * rows * ITEMS + 32
@@ -81,26 +93,40 @@ class PatchTiles:
             numbers += (rows + 2 * average) * ITEMS + 32
         return self.itemsize * numbers
 
-    def rows(self, local_bytes: int) -> int | None:
-        """Return the number of rows of a block, S, or None if no block has room in a GPU with this local memory."""
+    def that_fits(self, local_bytes: int) -> PatchTiles | None:
+        """Return blocks of as many rows as have room, or None if a GPU with this local memory has room for none.
+
+        All channels are in one launch if they have room, otherwise a few.
+        """
         form = self.form
         if form.radius > _RADIUS or form.average > _AVERAGE or (form.profile != form.profile[::-1]).any():
             return None
         for rows in _ROWS:
-            if rows > 2 * form.average and self.registers(rows) <= _REGISTERS and self.local_bytes(rows) <= min(local_bytes, _LOCAL_BYTES):
-                return rows
-        return None
+            blocks = replace(self, rows=rows)
+            fits = blocks.registers <= _REGISTERS and blocks.local_bytes <= min(local_bytes, _LOCAL_BYTES)
+            if fits and rows > 2 * form.average:
+                return blocks
+        if self.channels <= _CHANNELS:
+            return None
+        return replace(self, channels=_CHANNELS, guided=True).that_fits(local_bytes)
 
-    def size(self, rows: int) -> tuple[int, int]:
-        """Return the number of work items along both axes."""
+    def launches(self, channels: int) -> Iterator[tuple[int, PatchTiles]]:
+        """Yield the first channel and the blocks of each launch for a function of `channels` channels."""
+        for first in range(0, channels, self.channels):
+            yield first, replace(self, channels=min(self.channels, channels - first))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of work items along both axes."""
         (height, width), rim = self.graph.shape, 2 * self.form.average
         columns = (ITEMS - 2 * self.form.radius) // 4 * 4
-        return -(-width // (columns - rim)) * ITEMS, -(-height // (rows - rim))
+        return -(-width // (columns - rim)) * ITEMS, -(-height // (self.rows - rim))
 
-    def options(self, rows: int) -> tuple[str, ...]:
-        """Return the build options for blocks of `rows` rows."""
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Build options."""
         form = self.form
-        options = [f"-DR={form.radius}", f"-DQ={self.compared}", f"-DM={self.channels}", f"-DS={rows}"]
+        options = [f"-DR={form.radius}", f"-DQ={self.compared}", f"-DM={self.channels}", f"-DS={self.rows}"]
         options += [f"-DA={form.average}"] if form.average else []
         flags = {
             "FLAT": bool((form.profile == 1).all()),

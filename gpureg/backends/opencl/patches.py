@@ -123,10 +123,10 @@ class OpenCLPatches(OpenCLTiledPatches):
         M = f.shape[1]
         out = self.empty(graph, M) if out is None else out
         Q = M if guide is None else guide.shape[1]
-        tiled = self._patch_tiles(graph, form, Q, M, guided=guide is not None, largest=largest)
-        if tiled is not None:
-            at = self.put(graph, f)
-            self._tiled_step(*tiled, at, at if guide is None else self.put(graph, guide), f0, lam, out)
+        tiles = self._patch_tiles(graph, form, Q, M, guided=guide is not None, largest=largest)
+        if tiles is not None:
+            there = self.put(graph, f)
+            self._tiled_step(tiles, there, there if guide is None else self.put(graph, guide), f0, lam, out)
             return out
         strips = self._strips(graph, form, 1 + M)
         values = self.upload(strips.planes(np.asarray(f, self.dtype)))
@@ -142,15 +142,16 @@ class OpenCLPatches(OpenCLTiledPatches):
             *lams,
             out.buffer,
         ]
-        options = (*strips.options(Q), f"-DM={M}")
-        options += ("-DLARGEST",) if largest else ()
+        options = (*strips.options(Q), *(("-DLARGEST",) if largest else ()))
         pairs = graph.ndim == 2 and not strips.gpu and not largest
         args = [*strips.args(self.upload, compared, *strips.offsets(pairs), self.real), values]
         if not pairs:
-            self._launch_strips("similarity_step", (*options, *lam_options), [*args, *function], strips.size, strips)
+            for first, count in strips.channel_groups(M):
+                own = (*options, f"-DM={count}", *lam_options)
+                self._launch_strips("similarity_step", own, [*args, np.int32(first), *function], strips.size, strips)
             return out
         slots = strips.slots()
-        options += (f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
+        options += (f"-DM={M}", f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
         blocks, ring = np.int32(slots.blocks), np.int32(slots.ring)
         sizes = [np.int32(s) for s in graph.shape]
         with self._shared.lock:

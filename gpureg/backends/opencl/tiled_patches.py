@@ -16,36 +16,23 @@ class OpenCLTiledPatches(OpenCLLaunches):
     """Weights from patches in blocks of cells that a work group has in local memory."""
 
     def _patch_tiles(
-        self, graph: GridGraph, form: PatchForm, compared: int, channels: int, *, guided: bool, largest: bool = False
-    ) -> tuple[PatchTiles, int] | None:
-        """Return the blocks of a step and their rows; None if the device or the form needs the kernels of strips."""
+        self, graph: GridGraph, form: PatchForm, compared: int, channels: int, *, guided: bool, largest: bool
+    ) -> PatchTiles | None:
+        """Return the blocks of a step; None if the device or the form needs the kernels of strips."""
         handle = self.device.handle
         if self.device.kind != "gpu" or graph.ndim != 2 or handle.max_work_group_size < ITEMS:
             return None
         tiles = PatchTiles(graph, form, self.dtype.itemsize, compared, channels, guided, largest)
-        rows = tiles.rows(int(handle.local_mem_size))
-        return None if rows is None else (tiles, rows)
+        return tiles.that_fits(int(handle.local_mem_size))
 
-    def _tiled_step(
-        self,
-        tiles: PatchTiles,
-        rows: int,
-        f: Array,
-        guide: Array,
-        f0: Array,
-        lam: float | Array,
-        out: Array,
-    ) -> None:
+    def _tiled_step(self, tiles: PatchTiles, f: Array, guide: Array, f0: Array, lam: float | Array, out: Array) -> None:
         """Do one Jacobi sweep at p = 2 from `f` to `out`; the patches are those of `guide`, functions on the device."""
         graph, form = tiles.graph, tiles.form
         geometry = self._geometry(graph)
         assert isinstance(geometry, GridGeometry)
         words = None if graph.mask is None else tiles.mask_words()
         lams, lam_options = self._lam(lam)
-        args = [
-            guide.buffer,
-            f.buffer,
-            np.int32(0),
+        others = [
             self._nothing if words is None else self.upload(words),
             np.int32(0 if words is None else words.shape[1]),
             np.int32(tiles.mask_left),
@@ -63,7 +50,8 @@ class OpenCLTiledPatches(OpenCLLaunches):
             *lams,
             out.buffer,
         ]
-        kernel = "similarity_step_gpu"
-        with self._shared.lock:
-            run = self._kernel(kernel, (*tiles.options(rows), *lam_options), args)
-            run(self._shared.queue, tiles.size(rows), (ITEMS, 1), *args)
+        for first, of_launch in tiles.launches(f.channels):
+            args = [guide.buffer, f.buffer, np.int32(first), *others]
+            with self._shared.lock:
+                run = self._kernel("similarity_step_gpu", (*of_launch.options, *lam_options), args)
+                run(self._shared.queue, of_launch.size, (ITEMS, 1), *args)
