@@ -64,6 +64,26 @@ def unmasked(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
     return np.asarray(values)
 
 
+def held_type(given: npt.DTypeLike, computed: npt.DTypeLike) -> np.dtype[Any]:
+    """Return the type that holds values of the type `given` and in which they are computed with.
+
+    It is float32 for integers of 16 bits and less and for narrow real numbers, otherwise float64, and at least of the
+    type `computed`.
+    """
+    kind = np.dtype(given)
+    narrow = kind.itemsize <= (4 if kind.kind == "f" else 2)
+    return np.promote_types(np.float32 if narrow else np.float64, np.dtype(computed).newbyteorder("="))
+
+
+def into_integers(values: npt.NDArray[Any], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Convert values to a type: for integers rounded to the nearest, of two the even one, and clipped."""
+    kind = np.dtype(dtype)
+    if kind.kind in "iu" and values.dtype.kind == "f":
+        limits = np.iinfo(kind)
+        values = np.clip(np.rint(values), limits.min, limits.max)
+    return values.astype(kind, copy=False)
+
+
 def all_finite(values: npt.NDArray[Any]) -> bool:
     """Check block by block whether no value is NaN or infinite."""
     if values.dtype.kind != "f":

@@ -2,6 +2,7 @@
 
 A public function (a "door") often calls another one. An error that is raised in the inner one begins with the name of
 the outer one: ``denoise_tv: lam must be finite and >= 0, got -1``. An old parameter name raises an error with the new.
+Arrays of other libraries become numpy arrays here, and results arrays of their kind (:mod:`gpureg.exchange`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, overload
+
+from . import exchange
 
 P = ParamSpec("P")
 D = TypeVar("D")
@@ -81,8 +84,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     Returns
     -------
     callable
-        The function. If a user calls it, messages of TypeError and ValueError begin with its name. A parameter in
-        :data:`RENAMED` raises a TypeError with the new name.
+        The function. If a user calls it, messages of TypeError and ValueError begin with its name, and its arguments
+        may be arrays of other libraries. A parameter in :data:`RENAMED` raises a TypeError with the new name.
     """
     if function is None:
         return functools.partial(door, name=name, options=options)
@@ -95,7 +98,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     signature = inspect.signature(function)
     if options is not None:
         signature = _with_options(signature, options)
-    known = None if options is None else signature.parameters.keys()
+    names = tuple(signature.parameters)
+    known = None if options is None else set(names)
 
     @functools.wraps(function)
     def outermost(*args: Any, **given: Any) -> Any:
@@ -105,11 +109,11 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
             if known is not None and old not in known:
                 raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
         if _inside.get():
-            return function(*args, **given)
+            return exchange.call(function, names, args, given, inner=True)
         named = _called.get() is None
         inside, token = _inside.set(True), _called.set(called if named else _called.get())
         try:
-            return _until_done(function, args, given)
+            return _until_done(lambda: exchange.call(function, names, args, given))
         except (TypeError, ValueError) as error:
             alone = type(error) in (TypeError, ValueError) and len(error.args) == 1
             if named and alone and not hasattr(error, _THEIRS):
@@ -125,14 +129,14 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     return outermost
 
 
-def _until_done(function: Callable[..., T], args: tuple[Any, ...], given: dict[str, Any]) -> T:
+def _until_done(run: Callable[[], T]) -> T:
     """Call a function; call it again after an error whose attribute `again` is True, as after a build that failed.
 
     Such an error has changed what is chosen. What the call held is freed before the next one.
     """
     while True:
         try:
-            return function(*args, **given)
+            return run()
         except Exception as error:
             if not getattr(error, "again", False):
                 raise

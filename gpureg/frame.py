@@ -110,6 +110,11 @@ class Frame:
             offset[c] = middle if abs(middle) >= _FAR * width else 0.0
         return cls(tuple(offset.tolist()) if offset.any() else None, scale)
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether the products of the frame need no wider type than that of the values."""
+        return self.offset is None and abs(math.log2(self.scale)) <= _NEAR
+
     def into(self, values: Values, dtype: np.dtype[Any]) -> Values:
         """Return the function of data (n, m), in this type."""
         if self.offset is not None:
@@ -135,8 +140,7 @@ class Frame:
 
     def back(self, function: Values, dtype: np.dtype[Any]) -> Values:
         """Return the data of a function (n, m), in this type."""
-        wide = self.offset is not None or abs(math.log2(self.scale)) > _NEAR
-        data = function.astype(np.float64 if wide else dtype)
+        data = function.astype(dtype if self.is_narrow else np.float64)
         if self.scale != 1:
             data *= self.scale
         if self.offset is not None:

@@ -22,10 +22,11 @@ FLOORS: dict[str, int] = {
     "_version": 0,
     "arrays": 0,
     "checks": 0,
-    "doors": 0,
+    "exchange": 0,
     "frame": 0,
     "kernels": 0,
     "progress": 0,
+    "doors": 1,
     "files": 1,
     "graphs": 2,
     "backends": 3,
@@ -66,8 +67,11 @@ LONGEST, LONGEST_TEST = 350, 400
 
 # Who may import a library that is heavy, optional, or both; names of files below gpureg/, and kernels/ for itself.
 OWNERS: dict[str, tuple[str, ...]] = {
-    "pyopencl": ("backends/opencl/",),
-    "warp": ("backends/warp/", "kernels/warp/"),
+    "pyopencl": ("backends/opencl/", "exchange/opencl.py"),
+    "warp": ("backends/warp/", "kernels/warp/", "exchange/warp.py"),
+    "torch": ("exchange/torch.py",),
+    "cupy": ("exchange/cupy.py",),
+    "jax": ("exchange/jax.py",),
     "matplotlib": ("plot/", "figures/sheet.py", "cli/figures.py"),
     "skimage": ("plot/", "cli/demo.py", "cli/figures.py", "figures/"),
     "trimesh": ("metrics.py", "meshes/contents.py", "meshes/scenes.py", "points/ply.py"),

@@ -16,6 +16,7 @@ from typing import Literal
 
 from ..graphs.grid import AnyGraph
 from .data import Data
+from .sums import Ratio
 from .types import Array, Conductance, Smoothness, Weighted
 
 # At p = 1, y stays inside the unit ball by this many roundings, the error of a norm on a device.
@@ -38,37 +39,35 @@ class Duality(Data):
 
     # Vectors, without weights
 
-    @abstractmethod
-    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
-        """Compute the largest absolute difference; infinity if there is a NaN."""
-
-    @abstractmethod
-    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        """Sum a b / over, over vertices and channels.
-
-        A term is 0 where `over` is infinite: a number, or a function with 1 channel or the channels of a and b. The
-        sum is in float64, or compensated.
-        """
-
     def combine(
         self,
         graph: AnyGraph,
-        a: float,
+        a: float | Ratio,
         x: Array,
-        b: float,
+        b: float | Ratio,
         y: Array,
         *,
         over: float | Array = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """Compute a x + b y / over; the second term is 0 where `over` is infinite. `out` may be x or y."""
+        """Compute a x + b y / over; the second term is 0 where `over` is infinite. `out` may be x or y.
+
+        A term is left out if its coefficient is a :class:`Ratio` that is 0, whatever its function is.
+        """
         out = self._out(graph, self.channels(x), out)
         self._combine(graph, a, x, b, y, over, out)
         return out
 
     @abstractmethod
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None: ...
 
     def copy(self, graph: AnyGraph, x: Array, *, out: Array) -> Array:
@@ -130,9 +129,3 @@ class Duality(Data):
 
     @abstractmethod
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None: ...
-
-    @abstractmethod
-    def duality_gap(
-        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
-    ) -> float:
-        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms >= 0."""

@@ -124,7 +124,12 @@ class GroupPrimitives(Data):
 
     @abstractmethod
     def patch_groups(
-        self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
+        self,
+        graph: GridGraph,
+        guide: Array | FloatArray,
+        form: GroupForm,
+        *,
+        level: Array | FloatArray | None = None,
     ) -> Groups:
         """Find the group of each reference of a grid.
 
@@ -140,9 +145,9 @@ class GroupPrimitives(Data):
         Parameters
         ----------
         graph : GridGraph
-        guide : (n, m) array, on the host
+        guide : (n, m) array, on the host, or a device function
         form : GroupForm
-        level : (n,) array, optional
+        level : (n,) array, on the host, or a device function, optional
             Factor of ``form.flat`` at a reference; None means 1.
         """
 
@@ -151,7 +156,13 @@ class GroupPrimitives(Data):
         """Copy groups to the host: the members, (n_references, most), and the sizes, (n_references,)."""
 
     @abstractmethod
-    def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
+    def group_step(
+        self,
+        groups: Groups,
+        f0: Array | FloatArray,
+        guide: Array | FloatArray,
+        variance: float | Array | FloatArray,
+    ) -> Array:
         """Estimate the patches of all members of all groups, and average them.
 
         For a group with N members and each channel, let a(v) be the patch of `f0` at v, b(v) that of `guide`, m and
@@ -174,8 +185,8 @@ class GroupPrimitives(Data):
         Parameters
         ----------
         groups : Groups
-        f0, guide : (n, m) arrays, on the host
-        variance : float > 0 or (n,) array
+        f0, guide : (n, m) arrays, on the host, or device functions
+        variance : float > 0, or (n,) array on the host, or a device function
             Variance of the noise in each channel.
 
         Returns
@@ -191,6 +202,11 @@ def largest_trace(dtype: npt.DTypeLike) -> float:
     A stable solution has errors of about trace/variance roundings, in units of the noise.
     """
     return 0.25 / float(np.finfo(dtype).eps)
+
+
+def as_column(values: Any) -> Any:
+    """Return numbers (n,) on the host as a function of one channel; a device function as it is."""
+    return values.reshape(-1, 1) if isinstance(values, np.ndarray) else values
 
 
 def group_planes(grid: GridGraph, f: FloatArray, form: GroupForm) -> FloatArray:

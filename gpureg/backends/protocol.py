@@ -11,16 +11,19 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
+from .cells import CellPrimitives
+from .cosines import CosineSolves
 from .duality import Duality
 from .groups import GroupPrimitives
 from .patches import (
     PatchForm,
 )
+from .sums import Sums
 from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
-class Backend(Duality, GroupPrimitives, Zones):
+class Backend(CosineSolves, Duality, Sums, CellPrimitives, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters
@@ -33,8 +36,10 @@ class Backend(Duality, GroupPrimitives, Zones):
     # Primitives. A public method allocates `out` if it is None; the method with an underscore writes into it.
 
     @abstractmethod
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
-        """Compute weights from patches of `f`, a host function (n, m).
+    def patch_distance(
+        self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
+    ) -> Weighted:
+        """Compute weights from patches of `f`, a device function, or a host function (n, m).
 
         On a grid, weights can be stored in float16 ("half"): the relative error is at most 2^-11, or the absolute one
         2^-25 for weights below 2^-14. Weights of patches of one cell can be recomputed at each use ("none").
@@ -191,10 +196,6 @@ class Backend(Duality, GroupPrimitives, Zones):
         out: Array,
     ) -> None: ...
 
-    @abstractmethod
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        """Compute the energy, smoothed by eps: eq. 20, or eq. 30 with the edge norm."""
-
     # Several primitives in one; a backend with a fused kernel overrides them
 
     def conductances(self, weighted: Weighted, f: Array, model: Smoothness, *, g: Array | None = None) -> Conductance:
@@ -230,25 +231,26 @@ class Backend(Duality, GroupPrimitives, Zones):
     def similarity_step(
         self,
         graph: GridGraph,
-        f: FloatArray,
+        f: Array | FloatArray,
         form: PatchForm,
         f0: Array,
         lam: float | Array,
         *,
-        guide: FloatArray | None = None,
+        guide: Array | FloatArray | None = None,
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
-        """Do one Jacobi sweep at p = 2 from `f`, a host function (n, m), with weights computed from patches.
+        """Do one Jacobi sweep at p = 2 from `f` with weights computed from patches.
 
-        The patches are those of `guide`, a host function (n, q), by default those of f. With `largest`, lam is in
+        `f` is a device function, or a host function (n, m). The patches are those of `guide`, another one of q
+        channels, by default those of f. With `largest`, lam is in
         units of the largest weight around each vertex. A fused kernel does not store the weights. This is one step of
         the bilateral filter, or of nonlocal means.
         """
         weighted = self.patch_distance(graph, f if guide is None else guide, form)
         if largest:
             lam = self._in_units(graph, lam, self.largest_weight(weighted))
-        return self.jacobi_step(weighted, self.put(graph, f), f0, None, lam, out=out)
+        return self.jacobi_step(weighted, self.on_device(graph, f), f0, None, lam, out=out)
 
     def _in_units(self, graph: GridGraph, lam: float | Array, units: Array) -> Array:
         """Multiply lam by the function `units`; infinite values stay infinite."""
@@ -259,3 +261,6 @@ class Backend(Duality, GroupPrimitives, Zones):
 
     def finish(self) -> None:
         """Wait until the device has finished all work."""
+
+    def release(self) -> None:
+        """Free memory of the device that is only a cache; for a new try after its memory has run out."""

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, frozen, integers
 from ..checks import integer
 from ..doors import door
+from ..exchange import on_host
 from .checked import checked_positions, checked_rows
 from .edges import Symmetrize, check_symmetrize, check_weights, symmetrized
 
@@ -67,9 +68,10 @@ class Graph:
 
     @door(name="Graph")
     def __post_init__(self) -> None:
-        indptr, indices, weights = checked_rows(self.indptr, self.indices, self.weights)
+        given = {name: on_host(getattr(self, name), name) for name in ("indptr", "indices", "weights", "positions")}
+        indptr, indices, weights = checked_rows(given["indptr"], given["indices"], given["weights"])
         n = len(indptr) - 1
-        positions = checked_positions(self.positions, n)
+        positions = checked_positions(given["positions"], n)
         if self.grid is not None and self.grid.n_vertices != n:
             raise ValueError(f"the grid has {self.grid.n_vertices} vertices, the graph {n}")
         narrow = np.int32 if n < 2**31 else np.int64

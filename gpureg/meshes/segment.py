@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Unpack
+from typing import Any, ClassVar, Literal, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +44,8 @@ class MeshSegmentation:
     levels: tuple[Labels, ...]
     lam: tuple[float, ...]
     results: tuple[Result, ...]
+
+    _exchanged: ClassVar[tuple[str, ...]] = ("levels", "results")
 
     @property
     def n_segments(self) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +34,8 @@ class Result:
 
     Attributes
     ----------
-    value : ndarray
-        The regularized function, in the shape of the data.
+    value : array
+        The regularized function, in the shape of the data, of their library and on their device.
     iterations : int
         Complete iterations done.
     stop : Stop
@@ -72,6 +72,9 @@ class Result:
     method: str
     backend: str
     seconds: float
+
+    # as an array of the data's library
+    _exchanged: ClassVar[tuple[str, ...]] = ("value",)
 
     @classmethod
     def bare(

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Unpack
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from ..arrays import FloatArray
 from ..backends.zones import Labels
 from ..checks import flag, integer, number
 from ..doors import door
+from ..exchange import on_host
 from ..images.raster import Raster
 from ..model.result import Interrupted, Result
 from ..regularization.regularize import regularize
@@ -67,18 +68,21 @@ class Regions:
     _seeds: Labels | None = field(default=None, repr=False)
     _settings: dict[str, Any] = field(default_factory=dict, repr=False)
 
+    # as arrays of the image's library
+    _exchanged: ClassVar[tuple[str, ...]] = ("image", "labels", "models", "values", "result")
+
     def __repr__(self) -> str:
-        return f"Regions({self.n_regions} regions on {self.image.shape}, {self.graph.n_edges // 2} borders)"
+        return f"Regions({self.n_regions} regions on {tuple(self.image.shape)}, {self.graph.n_edges // 2} borders)"
 
     @property
     def n_regions(self) -> int:
         """Number of regions, k."""
-        return len(self.models)
+        return self.graph.n_vertices
 
     @property
     def percent(self) -> float:
         """Number of regions in percent of the number of their pixels."""
-        return 100 * self.n_regions / int((self.labels >= 0).sum())
+        return 100 * self.n_regions / int((on_host(self.labels, "labels") >= 0).sum())
 
     @property
     def fine(self) -> npt.NDArray[Any]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..exchange import as_came, on_host
 from ..graphs.grid import AnyGraph
 from ..model.problem import as_function
 from ..model.result import Interrupted, Result, Stop
@@ -71,8 +72,9 @@ def _of_all(callback: Callback, value: FloatArray, own: slice) -> Callback:
     def watched(check: Check) -> Any:
         def whole() -> FloatArray:
             now = value.copy()
-            now[:, own] = check.value()
-            return now
+            now[:, own] = on_host(check.value(), "value")
+            found: FloatArray = as_came(now)
+            return found
 
         return callback(replace(check, value=whole))
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..backends import Array, Backend
 from ..doors import calling_back
+from ..exchange import as_came
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
@@ -170,7 +171,8 @@ class Check:
     gap : float or None
         Bound on the energy minus its minimum; None unless the solver computes one.
     value : callable
-        ``check.value()`` reads the current iterate, (n, m), from the device; only inside the callback.
+        ``check.value()`` reads the current iterate, (n, m), from the device; only inside the callback. It is
+        an array of the data's library.
     """
 
     iteration: int
@@ -282,7 +284,8 @@ def run(
         def value() -> FloatArray:
             if done != at:
                 raise RuntimeError("check.value() reads the iterate of its own check: call it inside the callback")
-            return of.problem.back(of.get_function(now))
+            found: FloatArray = as_came(of.problem.back(of.get_function(now)))
+            return found
 
         frame, gap = problem.problem.frame, course.gaps[-1]
         energy, change = frame.energy(course.energies[-1], problem.p), course.changes[-1] * frame.scale

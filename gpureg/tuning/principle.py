@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,8 @@ class Discrepancy:
     result: Result
     ratio: float
     evaluations: int
+
+    _exchanged: ClassVar[tuple[str, ...]] = ("result",)
 
     def __str__(self) -> str:
         lam = f"{self.lam:.4g}" if isinstance(self.lam, float) else f"{self.lam.min():.4g} to {self.lam.max():.4g}"

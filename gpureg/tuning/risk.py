@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..arrays import unmasked
 from ..checks import flag, integer, number
 from ..doors import door
+from ..exchange import as_given, on_host
 from ..graphs.edges import checked_spacing
 
 Denoiser = Callable[..., npt.ArrayLike]
@@ -219,7 +220,7 @@ def _of(values: npt.NDArray[Any], inside: Inside) -> npt.NDArray[Any]:
 
 def _denoised(denoise: Denoiser, values: Values, where: Inside) -> npt.NDArray[np.float64]:
     """Return the checked result of a denoiser at some pixels, in float64."""
-    value = np.asarray(denoise(values))
+    value = np.asarray(on_host(denoise(as_given(values)), "the result of the denoiser"))
     if value.shape != values.shape:
         raise ValueError(f"the denoiser must return an array of shape {values.shape}, got {value.shape}")
     chosen: npt.NDArray[np.float64] = _of(value, where).astype(np.float64)

@@ -2,7 +2,7 @@
  *
  * The term is 0 where over is infinite.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
+ * One work item: some of the vertices, or packs of a row of a grid; sums.cl says which, and how they are added.
  * The kernel is named dot_product, as OpenCL C has a built-in dot.
  * Traffic per vertex: reads 2 M values and over. The weights are not read.
  */
@@ -11,6 +11,7 @@
 #else
 #include "csr.cl"
 #endif
+#include "sums.cl"
 
 #ifndef M
 #define M 1
@@ -18,12 +19,12 @@
 
 __kernel void dot_product(
     GRAPH_ARGS,
-    const long segment,
+    const long segment,     /* vertices or packs of a work item; read without GROUP */
     __global const real *a, /* M channels */
     __global const real *b, /* M channels */
     OVER_ARGS,
     /* output */
-    __global sum_t *out) /* one number per segment */
+    __global long_sum *out) /* one part per work item, or per group with GROUP */
 {
     long_sum total = sum_start();
     SEGMENT_BEGIN
@@ -32,5 +33,5 @@ __kernel void dot_product(
             total = sum_add_pack(total, USED(OVER_OF(product, c)));
         }
     SEGMENT_END
-    out[SEGMENT_INDEX] = sum_value(total);
+    WRITE_PART(total)
 }

@@ -3,18 +3,19 @@
  * The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.cl); all terms are >= 0.
  * EDGE_NORM: phi/2 and its conjugate per edge. The last term is 0 where lam is infinite.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
+ * One work item: some of the vertices, or packs of a row of a grid; sums.cl says which, and how they are added.
  * Traffic per vertex with D neighbours: reads D weights, 2 D M edge values (grid: half of them from the cache), (D + 2)
  * M vertex values and lam; CSR: also D indices of neighbours and D of opposite edges.
  */
 #include "prox.cl"
+#include "sums.cl"
 
 /* phi + phi* - product, for one norm. */
 #define DUALITY(c) (SHARE * raise(derivative[c] + eps * eps, p / 2) / p + conjugate(dual[c], p, eps) - product[c])
 
 __kernel void duality_gap(
     GRAPH_ARGS,
-    const long segment,
+    const long segment,        /* vertices or packs of a work item; read without GROUP */
     __global const real *f,    /* M channels */
     __global const real *y,    /* M channels per directed edge */
     __global const real *f0,   /* M channels */
@@ -23,7 +24,7 @@ __kernel void duality_gap(
     const real p,
     const real eps,
     /* output */
-    __global sum_t *out) /* one number per segment */
+    __global long_sum *out) /* one part per work item, or per group with GROUP */
 {
     long_sum total = sum_start();
     SEGMENT_BEGIN
@@ -60,5 +61,5 @@ __kernel void duality_gap(
         for (int c = 0; c < M; ++c) terms += pinned ? (realN)(0) : residual[c] * residual[c] / (2 * lam);
         total = sum_add_pack(total, USED(terms));
     SEGMENT_END
-    out[SEGMENT_INDEX] = sum_value(total);
+    WRITE_PART(total)
 }

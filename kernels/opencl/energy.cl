@@ -4,15 +4,15 @@
  * 30). With one gradient norm per channel (G = M) the first term is summed over channels. The second term is 0 where
  * lam is infinite, as f = f0 there.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its sum; the host adds the sums.
- * The segments depend only on the graph, so every run gives the same bits.
+ * One work item: some of the vertices, or packs of a row of a grid; sums.cl says which, and how they are added.
  * Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices).
  */
 #include "squared_gradient.cl"
+#include "sums.cl"
 
 __kernel void energy(
     GRAPH_ARGS,
-    const long segment,
+    const long segment,        /* vertices or packs of a work item; read without GROUP */
     __global const real *f,    /* M channels */
     __global const real *f0,   /* M channels */
     __global const real *lams, /* 1 channel; read with LAM_ARRAY */
@@ -20,7 +20,7 @@ __kernel void energy(
     const real p,
     const real eps2, /* eps^2 */
     /* output */
-    __global sum_t *out) /* one number per segment */
+    __global long_sum *out) /* one part per work item, or per group with GROUP */
 {
     const real edge_power = p / 2;
     long_sum total = sum_start();
@@ -45,5 +45,5 @@ __kernel void energy(
 #endif
         total = sum_add_pack(total, USED(density));
     SEGMENT_END
-    out[SEGMENT_INDEX] = sum_value(total);
+    WRITE_PART(total)
 }

@@ -211,11 +211,24 @@ __constant const int window_rows[] = {WINDOW_ROWS};
     EDGE_FACTORS
 
 #define USED(x) WHERE(used, x)
+#define COLLECT(x, first, channels)
+#define ONE_WRITES
 
+#ifdef GROUP
+/* Every so many packs, counted row by row: a row and a place on it, so that no division is in the loop. */
+#define SEGMENT_BEGIN                                                                                    \
+    const int packs = (width + N - 1) / N;                                                               \
+    const int next_rows = (int)get_global_size(0) / packs, next_packs = (int)get_global_size(0) % packs; \
+    int pack = (int)get_global_id(0) % packs, line = (int)get_global_id(0) / packs;                      \
+    for (; line < n_rows;                                                                                \
+         pack += next_packs, line += next_rows + (pack >= packs), pack -= pack >= packs ? packs : 0) {   \
+        PACK_AT(pack * N, line)
+#else
 #define SEGMENT_BEGIN                                                                           \
     for (int begin = get_global_id(0) * (int)segment * N;                                       \
          begin < width && begin < (int)(get_global_id(0) + 1) * (int)segment * N; begin += N) { \
         PACK_AT(begin, (int)get_global_id(1))
+#endif
 #define SEGMENT_END }
 #define SEGMENT_INDEX (get_global_id(1) * get_global_size(0) + get_global_id(0))
 

@@ -1,13 +1,15 @@
 /* max_change = max over vertices and channels of |a - b|; infinity if any difference is not a number.
  *
- * One work item: a segment of vertices (CSR) or of packs of a row (grid); it writes its maximum; the host takes the
- * largest one. Traffic per vertex: reads 2 M values. The weights are not read.
+ * One work item: some of the vertices, or packs of a row of a grid; sums.cl says which, and how the largest is found.
+ * Traffic per vertex: reads 2 M values. The weights are not read.
  */
 #ifdef GRID
 #include "grid.cl"
 #else
 #include "csr.cl"
 #endif
+#define MAXIMUM
+#include "sums.cl"
 
 #ifndef M
 #define M 1
@@ -15,11 +17,11 @@
 
 __kernel void max_change(
     GRAPH_ARGS,
-    const long segment,
+    const long segment,     /* vertices or packs of a work item; read without GROUP */
     __global const real *a, /* M channels */
     __global const real *b, /* M channels */
     /* output */
-    __global real *out) /* one number per segment */
+    __global long_sum *out) /* one part per work item, or per group with GROUP */
 {
     realN largest = 0;
     SEGMENT_BEGIN
@@ -30,5 +32,5 @@ __kernel void max_change(
             largest = fmax(largest, USED(d));
         }
     SEGMENT_END
-    out[SEGMENT_INDEX] = largest_lane(largest);
+    WRITE_PART(largest_lane(largest))
 }

@@ -16,6 +16,7 @@
 #ifndef PATCH_TILE_CL
 #define PATCH_TILE_CL
 #include "reals.cl"
+#include "reflected.cl"
 
 #ifndef R
 #define R 0 /* radius of the patch */
@@ -82,15 +83,6 @@ static inline real over_patch(const real *a, const real *g)
     return sum;
 }
 #endif
-
-/* The cell of an axis of n cells that stands at `at`, which may be outside of it. */
-static inline int reflected(const int at, const int n)
-{
-    const int period = 2 * n - 2;
-    int i = abs(at);
-    if (i > period) i = period > 0 ? i % period : 0;
-    return min(i, period - i);
-}
 
 /* Copy column l of the cells of all patches of a block to registers. */
 static inline void load_column(

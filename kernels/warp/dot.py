@@ -2,7 +2,7 @@
 
 The term is 0 where over is infinite.
 
-One work item: a segment of a row, as in energy.py; it writes their sum in float64; the host adds the sums.
+One work item: a segment of a row, as in energy.py; it writes its sum in float64, and total.py adds the sums.
 Traffic per vertex: reads 2 M values and over. The weights are not read.
 """
 

@@ -3,7 +3,7 @@
 The energy of f minus the dual energy of y, phi(t) = (t^2 + eps^2)^(p/2) / p (prox.py); all terms are >= 0. Edge norm:
 phi/2 and its conjugate per edge. The last term is 0 where lam is infinite.
 
-One work item: a segment of a row, as in energy.py; it writes their sum in float64; the host adds the sums.
+One work item: a segment of a row, as in energy.py; it writes its sum in float64, and total.py adds the sums.
 Traffic per vertex with D neighbours: reads D weights, 2 D M edge values (grid: half of them from the cache), (D + 2) M
 vertex values and lam; CSR: also D indices of neighbours and D of opposite edges.
 """

@@ -4,8 +4,8 @@ Edge norm: the first term is 1/(2 p) sum_v (d_w(f)(u, v)^2 + eps^2)^(p/2), over 
 With one gradient norm per channel (G = M) the first term is summed over channels. The second term is 0 where lam is
 infinite, as f = f0 there.
 
-One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes their sum in float64; the
-host adds the sums. The segments depend only on graph and device, so every run gives the same bits.
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes their sum in float64, and
+total.py adds the sums. The segments depend only on graph and device, so every run gives the same bits.
 Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices).
 """
 

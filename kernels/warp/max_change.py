@@ -1,7 +1,7 @@
 """max_change = max over vertices and channels of |a - b|; infinity if any difference is not a number.
 
-One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes its maximum; the host takes
-the largest one. Traffic per vertex: reads 2 M values. The graph is not read.
+One work item: a segment of a row, the `count` vertices at s * reach + i * stride; it writes its maximum, and total.py
+finds the largest one. Traffic per vertex: reads 2 M values. The graph is not read.
 """
 
 import functools

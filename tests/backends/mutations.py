@@ -75,7 +75,7 @@ def warp(mutation: Mutation, monkeypatch: pytest.MonkeyPatch, folder: Path) -> A
         module = importlib.util.module_from_spec(spec)
         monkeypatch.setitem(sys.modules, spec.name, module)  # where Warp looks for the source
         spec.loader.exec_module(module)
-        for user in ("layout", "primitives", "duality", "patches", "zones"):
+        for user in ("layout", "primitives", "duality", "patches", "sums", "zones"):
             used = importlib.import_module(f"gpureg.backends.warp.{user}")
             if hasattr(used, stem):
                 monkeypatch.setattr(used, stem, module)

@@ -9,15 +9,22 @@ import pytest
 from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
-PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles"}
+PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
+PARTS |= {"total"}  # the second stage of a long sum
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile"}, {"pack", "lanes", "padded"}
+OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
+OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
-GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "similarity_step_gpu"}
+# The same primitive for a GPU, in both languages.
+BOTH_GPU = {"influence_zones_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
 INCLUDES = {
+    "cosine_solve": ("reals.cl",),
+    "blur": ("grid.cl", "reflected.cl", "reals.cl"),
+    "cells": ("reals.cl",),
     "aggregate": ("grid.cl", "reals.cl"),
     "similarity_step": ("strip.cl", "reals.cl"),
     "patch_distance": ("strip.cl", "csr.cl", "reals.cl"),
@@ -28,12 +35,12 @@ INCLUDES = {
     "influence_zones": (),
     "gradient": ("conductance.cl", "grid.cl", "csr.cl", "reals.cl"),
 }
-# A kernel whose primitive's name is a built-in function of the language.
-KERNELS = {"dot": "dot_product"}
+# Kernels whose primitive's name is a built-in function of the language.
+KERNELS = {"dot": "dot_product", "mix": "mix_channels"}
 PRIMITIVES = sorted(
     path.stem
     for path in (kernels.folder / "opencl").glob("*.cl")
-    if path.stem not in PARTS | OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
+    if path.stem not in PARTS | OPENCL_PARTS | GPU | BOTH_GPU | FUSED | FUSED_PARTS
 )
 
 
@@ -41,7 +48,10 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
     assert PRIMITIVES == [
         "adjoint",
         "aggregate",
+        "blur",
+        "cells",
         "combine",
+        "cosine_solve",
         "degree",
         "difference",
         "dot",
@@ -55,20 +65,23 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "influence_zones",
         "jacobi_step",
         "max_change",
+        "mix",
         "p_laplacian",
         "patch_distance",
         "patch_groups",
         "primal",
         "similarity_step",
     ]
-    assert not [name for name in (*PRIMITIVES, *FUSED) if not callable(getattr(backends.Backend, name, None))]
+    # `cells` are two methods: in and out
+    methods = {*PRIMITIVES, *FUSED, "put_cells", "get_cells"} - {"cells"}
+    assert not [name for name in sorted(methods) if not callable(getattr(backends.Backend, name, None))]
 
 
 def test_the_languages_have_the_same_files():
     opencl = {path.stem for path in (kernels.folder / "opencl").glob("*.cl")}
     warp = {path.stem for path in (kernels.folder / "warp").glob("*.py")} - {"__init__"}
     own = OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
-    assert opencl - own == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
+    assert opencl - own == warp - WARP_PARTS == PARTS | BOTH_GPU | set(PRIMITIVES)
     assert warp >= WARP_PARTS and opencl >= own
 
 
@@ -78,7 +91,7 @@ def test_files_of_one_language_open_with_a_comment(stem):
     assert len(opencl[opencl.index("/*") : opencl.index("*/")]) > 80
 
 
-@pytest.mark.parametrize("stem", sorted(PARTS | set(PRIMITIVES)))
+@pytest.mark.parametrize("stem", sorted(PARTS | BOTH_GPU | set(PRIMITIVES)))
 def test_files_open_with_a_comment(stem):
     opencl = (kernels.folder / "opencl" / f"{stem}.cl").read_text("utf-8")
     assert opencl.startswith("/*")
@@ -124,8 +137,14 @@ def test_includes_are_put_in_place(primitive):
     assert lines[at + 1 :] == own[number - 1 :]
 
 
-@pytest.mark.parametrize("options", [[], ["-DGRID"], ["-DINDEX=long"]], ids=["csr", "grid", "csr of 2^31 vertices"])
-@pytest.mark.parametrize("primitive", PRIMITIVES)
+@pytest.mark.parametrize(
+    ("primitive", "options"),
+    [
+        *((name, options) for name in PRIMITIVES for options in ([], ["-DGRID"])),
+        # of 2^31 vertices and more
+        *((name, ["-DINDEX=long"]) for name in ("energy", "gradient", "influence_zones", "jacobi_step")),
+    ],
+)
 def test_a_kernel_compiles_alone(primitive, options):
     """With no option but the kind of graph: what a person types into an offline compiler."""
     if "opencl" in backends.absent():

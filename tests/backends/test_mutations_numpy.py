@@ -49,10 +49,10 @@ MUTATIONS = [
     (Mutation("jacobi_step", "_jacobi_step", "(moved - f)", "(f - moved)"), SWEEP),
     (Mutation("jacobi_step", "primitives:conductance_of", "u[1] + v[1]", "u[1] + u[1]"), SWEEP),
     (Mutation("euler_step", "_euler_step", "(f0 - f) +", "(f - f0) +"), BOTH),
-    (Mutation("energy", "energy", "p / 2).sum() / p", "p / 2).sum()"), P_LAPLACIAN),
+    (Mutation("energy", "energy_into", "p / 2).sum() / p", "p / 2).sum()"), P_LAPLACIAN),
     (Mutation("sweep", "sweep", "theta=theta", "theta=1.0"), SWEEP),
-    (Mutation("dot", "dot", "products / np.asarray(over, np.float64)", "products"), dual("test_dot", "number")),
-    (Mutation("combine", "_combine", "+ self.real(b)", "- self.real(b)"), dual("test_combine", "number", None)),
+    (Mutation("dot", "dot_into", "products / np.asarray(over, np.float64)", "products"), dual("test_dot", "number")),
+    (Mutation("combine", "_combine", "+ self._term(b", "- self._term(b"), dual("test_combine", "number", None)),
     (Mutation("gradient", "_gradient", "pull - self", "pull + self"), dual("test_gradient", False, 1.5, 0.125)),
     (
         Mutation("prox", "duality:step_length", "r.dtype.type(sigma) * t", "t"),
@@ -72,11 +72,11 @@ MUTATIONS = [
     ),
     (Mutation("primal", "_primal", "f0 - self.adjoint", "f0 + self.adjoint"), dual("test_primal", "column")),
     (
-        Mutation("duality_gap", "duality_gap", "norms(d) + self.real(eps) ** 2", "norms(d)"),
+        Mutation("duality_gap", "duality_gap_into", "norms(d) + self.real(eps) ** 2", "norms(d)"),
         dual("test_duality_gap", False, 1.5),
     ),
     (
-        Mutation("duality_gap", "duality_gap", "/ (2 * np.where", "/ (np.where"),
+        Mutation("duality_gap", "duality_gap_into", "/ (2 * np.where", "/ (np.where"),
         dual("test_duality_gap", False, 1.5),
     ),
     (

@@ -21,7 +21,7 @@ if "warp" in backends.absent():
     pytest.skip(backends.absent()["warp"], allow_module_level=True)
 
 import warp as wp
-from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step
+from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step, total
 from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends.warp import pool as warp_pool
@@ -117,9 +117,10 @@ def test_kernels_compile_for_cuda(tmp_path):
         patch_distance.make_grid(wp.float64, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
         aggregate.make(access, 2),
         jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
+        total.make(wp.float64, False),
     ):
         wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(tmp_path.glob("*.ptx"))) == 4
+    assert len(list(tmp_path.glob("*.ptx"))) == 5
 
 
 FORKED = """

@@ -49,6 +49,12 @@ def test_parameters_prints_what_it_says(tmp_path: Path) -> None:
     assert "\n0.0 " in printed, "pinned vertices keep their data"
 
 
+def test_arrays_prints_what_it_says(tmp_path: Path) -> None:
+    ran = _run("arrays.md", tmp_path, "torch", "warp", "pyopencl")
+    assert len(ran) == 4
+    assert pages.differing(ran, 0) == []
+
+
 def test_performance_prints_what_it_says(tmp_path: Path) -> None:
     """Bytes a vertex differ by the padding of a device; the rest is exact."""
     if "opencl" in backends.absent():

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ..duality import BALL_ROUNDINGS
+from ..sums import Ratio
 from ..types import Array, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
 
@@ -101,18 +100,29 @@ def conjugate(s: FloatArray, share: float, p: float, eps: float) -> FloatArray:
 class NumpyDuality(NumpyGraph):
     """The primitives of the certified solvers."""
 
-    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
-        change = float(np.abs(a - b).max(initial=0))
-        return change if np.isfinite(change) else float("inf")
-
-    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        products = a.astype(np.float64) * b
-        return float((products / np.asarray(over, np.float64)).sum())
-
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
-        out[...] = self.real(a) * x + self.real(b) * (y / np.asarray(over, self.dtype))
+        out[...] = self._term(a, x, 1.0) + self._term(b, y, over)
+
+    def _term(self, coefficient: float | Ratio, x: Array, over: float | Array) -> FloatArray:
+        """Compute a term of `combine`."""
+        if isinstance(coefficient, Ratio):
+            above, below = (coefficient.numbers.values[at] for at in (coefficient.above, coefficient.below))
+            value = self.real(coefficient.sign * (above / below) if below > 0 else 0)
+            if value == 0:
+                return np.zeros_like(x)
+        else:
+            value = self.real(coefficient)
+        term: FloatArray = value * (x / np.asarray(over, self.dtype))
+        return term
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
@@ -164,31 +174,3 @@ class NumpyDuality(NumpyGraph):
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         out[...] = f0 - self.adjoint(weighted, y) / self._column(lam, len(f0))
-
-    def duality_gap(
-        self,
-        weighted: Weighted,
-        f: Array,
-        y: Array,
-        f0: Array,
-        lam: float | Array,
-        model: Smoothness,
-    ) -> float:
-        p, eps, coupled, edge_norm = model.p, model.eps, model.coupled, model.edge
-        graph, share = weighted.graph, 0.5 if edge_norm else 1.0
-        d = self.difference(weighted, f)
-
-        def norms(H: FloatArray) -> Any:
-            square = (H**2).sum(axis=-1, keepdims=True) if coupled else H**2
-            return square if edge_norm else self._around(graph, square)
-
-        products = (d * y).sum(axis=-1, keepdims=True) if coupled else d * y
-        if not edge_norm:
-            products = self._around(graph, products)
-        primal = share * raised(norms(d) + self.real(eps) ** 2, p / 2) / p
-        duality = primal + conjugate(np.sqrt(norms(y)), share, p, eps) - products
-        lam = self._column(lam, len(f))
-        pinned = np.isinf(lam)
-        residual = np.where(pinned, 0, lam) * (f - f0) + self.adjoint(weighted, y)
-        unmet = np.where(pinned, 0, residual.astype(np.float64) ** 2 / (2 * np.where(pinned, 1, lam)))
-        return float(duality.astype(np.float64).sum() + unmet.sum())

@@ -30,7 +30,7 @@ class NumpyGroups(GroupPrimitives):
         sizes = np.zeros(len(references), np.int32)
         limit = np.full(len(references), form.flat * form.cells * len(planes))
         if level is not None:
-            limit = limit * level[references]
+            limit = limit * np.ravel(level)[references]
         wide = np.pad(planes, [(0, 0), *((w, w) for w in form.window)])
         lattice = form.lattice(graph.shape)
         row = math.prod(map(len, lattice[1:]))

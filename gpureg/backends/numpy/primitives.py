@@ -17,10 +17,10 @@ from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
-from .duality import NumpyDuality
 from .edges import Edges, conductance_of, raised
 from .groups import NumpyGroups
 from .patches import NumpyPatches
+from .sums import NumpySums
 from .zones import NumpyZones
 
 TIER = 4
@@ -36,7 +36,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpyDuality, NumpyGroups, NumpyPatches, NumpyZones):
+class NumpyBackend(NumpySums, NumpyGroups, NumpyPatches, NumpyZones):
     """The primitives in numpy."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
@@ -139,18 +139,6 @@ class NumpyBackend(NumpyDuality, NumpyGroups, NumpyPatches, NumpyZones):
         pinned = np.isinf(lam)
         push = np.where(pinned, 0, lam) * (f0 - f) + self._flow(weighted, f, g)
         out[...] = np.where(pinned, f0, f + self._column(tau, len(f)) * push)
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        p, eps, coupled = model.p, model.eps, model.coupled
-        if model.edge:
-            sums = self._squared_gradient(weighted, f, coupled, self.real(eps) ** 2, p / 2)
-            smoothness = sums.astype(np.float64).sum() / (2 * p)
-        else:
-            square = self._squared_gradient(weighted, f, coupled, 0).astype(np.float64)
-            smoothness = raised(square + float(eps) ** 2, p / 2).sum() / p
-        lam = np.broadcast_to(np.asarray(lam, np.float64).reshape(-1, 1), (len(f), 1))
-        fidelity = (np.where(np.isinf(lam), 0, lam) * (f - f0).astype(np.float64) ** 2).sum() / 2
-        return float(smoothness + fidelity)
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

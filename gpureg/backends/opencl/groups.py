@@ -13,11 +13,12 @@ import pyopencl as cl
 
 from ...arrays import FloatArray
 from ...graphs.grid import GridGraph
-from ..groups import GroupForm, Groups, group_planes, largest_trace
+from ..groups import GroupForm, Groups, as_column, largest_trace
 from ..types import Array, BackendUnavailable
+from .buffers import Function
+from .cells import OpenCLCells
 from .geometry import GridGeometry, round_up
 from .group_tiles import GroupTiles
-from .launching import OpenCLLaunches
 
 _AXES = 3
 # Numbers of a pack at most: 49 cells are 7 packs of 8 with 7 numbers unused, or 4 of 16 with 15.
@@ -61,6 +62,11 @@ class _Lattice:
         return round_up(2 * self.form.window[-1] + 1 + 2 * self.lanes + 16, self.lanes)
 
     @property
+    def row(self) -> tuple[int, int]:
+        """Numbers of a padded row, and before its first cell."""
+        return self.padded[0], 0
+
+    @property
     def numbers(self) -> int:
         """Numbers of a plane."""
         return math.prod(self.padded)
@@ -68,12 +74,6 @@ class _Lattice:
     def size(self, channels: int) -> int:
         """Return the numbers of a buffer of planes."""
         return 2 * self.before + channels * self.numbers
-
-    def planes(self, f: npt.NDArray[Any], dtype: np.dtype[Any]) -> FloatArray:
-        """Copy a host function (n, m) to padded planes between zeros, (size,)."""
-        out = np.zeros(self.size(f.shape[1]), dtype)
-        out[self.before : self.before + f.shape[1] * self.numbers] = group_planes(self.graph, f, self.form).ravel()
-        return out
 
     def options(self) -> tuple[str, ...]:
         """Return the build options."""
@@ -100,7 +100,7 @@ class _Lattice:
         ]
 
 
-class OpenCLGroups(OpenCLLaunches):
+class OpenCLGroups(OpenCLCells):
     """Groups of patches: the search and the step are one kernel each, on a GPU one work group a reference.
 
     Forms that have no room in the local memory of a GPU use the kernels of a CPU there, one work item a reference or a
@@ -114,21 +114,32 @@ class OpenCLGroups(OpenCLLaunches):
             )
         return _Lattice(graph, form, min(self.lanes, _LANES))
 
+    def _lattice_planes(self, lattice: _Lattice, f: Array | FloatArray) -> cl.Buffer:
+        """Return the padded planes of a function between zeros."""
+        grid = lattice.graph
+        return self._padded(grid, self.on_device(grid, f), lattice.form.patch, lattice.row, before=lattice.before)
+
     def patch_groups(
-        self, graph: GridGraph, guide: FloatArray, form: GroupForm, *, level: FloatArray | None = None
+        self,
+        graph: GridGraph,
+        guide: Array | FloatArray,
+        form: GroupForm,
+        *,
+        level: Array | FloatArray | None = None,
     ) -> Groups:
-        lattice, channels = self._lattice(graph, form), guide.shape[1]
+        lattice, compared = self._lattice(graph, form), self.on_device(graph, guide)
+        channels = compared.channels
         counts = form.counts(graph.shape)
         inside, levels = self._nothing, self._nothing
         if graph.mask is not None:
-            inside = self.upload(lattice.planes(graph.mask.reshape(-1, 1), self.dtype))
+            inside = self._lattice_planes(lattice, graph.mask.reshape(-1, 1))
         if level is not None:
-            levels = self.upload(lattice.planes(level.reshape(-1, 1), self.dtype))
+            levels = self._lattice_planes(lattice, as_column(level))
         members = self._allocate(2 * math.prod(counts) * form.most)
         sizes = self._allocate(4 * math.prod(counts))
         args = [
             *lattice.args(channels),
-            self.upload(lattice.planes(guide, self.dtype)),
+            self._lattice_planes(lattice, compared),
             inside,
             np.int32(graph.mask is not None),
             levels,
@@ -167,15 +178,22 @@ class OpenCLGroups(OpenCLLaunches):
         members[np.arange(groups.form.most) >= sizes[:, None]] = 0
         return members, sizes
 
-    def group_step(self, groups: Groups, f0: FloatArray, guide: FloatArray, variance: float | FloatArray) -> Array:
-        graph, form, channels = groups.graph, groups.form, f0.shape[1]
+    def group_step(
+        self,
+        groups: Groups,
+        f0: Array | FloatArray,
+        guide: Array | FloatArray,
+        variance: float | Array | FloatArray,
+    ) -> Array:
+        graph, form, data = groups.graph, groups.form, self.on_device(groups.graph, f0)
+        channels = data.channels
         lattice = self._lattice(graph, form)
         geometry = self._geometry(graph)
         assert isinstance(geometry, GridGeometry)
-        noisy, pilot = (self.upload(lattice.planes(x, self.dtype)) for x in (f0, guide))
-        variances, mapped = self._nothing, np.ndim(variance) > 0
+        noisy, pilot = self._lattice_planes(lattice, data), self._lattice_planes(lattice, guide)
+        variances, mapped = self._nothing, isinstance(variance, Function) or np.ndim(variance) > 0
         if mapped:
-            variances = self.upload(lattice.planes(np.asarray(variance).reshape(-1, 1), self.dtype))
+            variances = self._lattice_planes(lattice, as_column(variance))
         sums, counts = self._zeros(lattice.size(channels)), self._zeros(lattice.size(1))
         of_groups = [
             noisy,

@@ -6,7 +6,6 @@ Programs are built once per device, primitive and build options, and cached; pyo
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -62,15 +61,16 @@ class OpenCLLaunches(OpenCLBuffers):
         *,
         exact: bool = False,
         local: tuple[int, ...] | None = None,
+        sums: int | None = None,
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
-        would choose groups of 1 for a prime number of work items. With `exact` (a sum on a grid, whose kernel uses the
-        number of work items) it is not rounded, and the driver chooses.
+        would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
+        sum on a grid, whose kernel uses the number of work items), where the driver chooses.
+        `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
         """
         layout = weighted.topology
-        options = (*layout.options, f"-DN={layout.width}", *options)
         weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
         if isinstance(weights, Recomputed):
             options += weights.options
@@ -79,16 +79,17 @@ class OpenCLLaunches(OpenCLBuffers):
         elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
-        size = size or layout.global_size
-        group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
-        if group is not None:
-            local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
-            size = (round_up(size[0], local[0]), *size[1:])
-        graph_args = layout.args(
-            self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
-        )
-        args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
-        self._launch(primitive, options, args, size, local)
+        mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
+        with self._shared.lock:
+            for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
+                graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
+                chosen = (*one.options, f"-DN={layout.width}", *options)
+                groups, items = local, size or one.size
+                group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
+                if group is not None and local is None:
+                    groups = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(items) - 1))
+                    items = (round_up(items[0], groups[0]), *items[1:])
+                self._launch(primitive, chosen, [*graph_args, *args], items, groups)
 
     def _launch(
         self,
@@ -150,19 +151,10 @@ class OpenCLLaunches(OpenCLBuffers):
             return [self._nothing, self.real(0), self.real(0)], ()
         return [g.buffer, self.real(0), self.real(0)], ("-DCONDUCTANCES", f"-DG={g.channels}")
 
-    def _partial(
-        self, primitive: str, weighted: Weighted, args: list[Any], options: tuple[str, ...], dtype: Any
-    ) -> Any:
-        """Compute one number per segment of the graph, (count,)."""
-        layout = weighted.topology
-        count = round_up(math.prod(layout.segments), layout.group or 1)
-        out = self._allocate(count * np.dtype(dtype).itemsize)
-        # A few segments per group: by default PoCL makes one group of a whole row, which uses only one core.
-        local = layout.sum_group if self.device.kind == "cpu" else None
-        args = [np.int64(layout.segment), *args, out]
-        self._run(primitive, weighted, args, options, layout.segments, exact=True, local=local)
-        return self._download(out, count, dtype)
-
     def finish(self) -> None:
         with self._shared.waiting():
             self._shared.queue.finish()
+
+    def release(self) -> None:
+        self._scratch_memory = None
+        self.finish()

@@ -24,7 +24,7 @@ _CHANNELS = 4
 # Largest patches, and largest averaged ones: beyond them the kernels have no sums.
 _RADIUS, _AVERAGE = 8, 3
 # 32-bit numbers of a work item in registers at most, of 255 registers: the rest is for addresses and products.
-_REGISTERS = 152
+_REGISTERS = 160
 # Local memory that a kernel may use without options of a driver: 48 KiB on NVIDIA's, 64 on AMD's.
 _LOCAL_BYTES = 48 << 10
 # Bits of a word of a mask.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyopencl as cl
 
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph, row_major
@@ -32,34 +34,55 @@ class OpenCLPatches(OpenCLTiledPatches):
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
         if not isinstance(graph, GridGraph):
             return (channels * math.prod(padded_shape(graph, radius)) * self.dtype.itemsize,)
-        return self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+        planes = self._plane_bytes(self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1), channels)
+        return (self.function_bytes(graph, channels), *planes)
 
     def _plane_bytes(self, strips: Strips, channels: int) -> tuple[int, ...]:
-        """Return the bytes of the padded planes of all channels, and of the mask."""
+        """Return the bytes of the padded planes of all channels, and of the mask and its plane."""
         plane = strips.plane * self.dtype.itemsize
-        return (channels * plane, *(() if strips.graph.mask is None else (plane,)))
+        mask = () if strips.graph.mask is None else (self.function_bytes(strips.graph, 1), plane)
+        return (channels * plane, *mask)
 
     def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
         strips = self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1 + channels)
         arrays = self._plane_bytes(strips, channels)
         if guide is not None:
-            arrays += self._plane_bytes(strips, guide)[:1]
+            arrays += (self.function_bytes(graph, guide), self._plane_bytes(strips, guide)[0])
         if graph.ndim == 2 and not strips.gpu:
             slots = strips.slots()
             arrays += (slots.ring * slots.blocks * slots.size * self.dtype.itemsize,)
         return arrays
 
-    def _recomputed(self, graph: GridGraph, f: FloatArray, form: PatchForm, half: FloatArray) -> Recomputed:
-        channels, masked = f.shape[1], graph.mask is not None
+    def _planes_of(self, strips: Strips, f: Array | FloatArray, *, zeros: bool = False) -> cl.Buffer:
+        """Return the padded planes of a function for kernels that compare patches."""
+        grid, function = strips.graph, self.on_device(strips.graph, f)
+        return self._padded(grid, function, (strips.form.radius,) * grid.ndim, (strips.pitch, strips.left), zeros=zeros)
+
+    def _strip_args(
+        self, strips: Strips, compared: cl.Buffer, steps: npt.NDArray[np.int32], spatial: FloatArray
+    ) -> list[Any]:
+        """Return the kernel arguments STRIP_ARGS; `compared` are padded planes."""
+        form, mask = strips.form, strips.graph.mask
+        inside = compared if mask is None else self._planes_of(strips, mask.reshape(-1, 1), zeros=True)
+        mapped = form.scale is not None and form.maps is not None
+        maps = self._planes_of(strips, form.maps, zeros=True) if mapped else compared
+        return strips.args(self.upload, (compared, inside, maps), steps, spatial, self.real)
+
+    def _recomputed(self, graph: GridGraph, f: Array | FloatArray, form: PatchForm, half: FloatArray) -> Recomputed:
+        masked = graph.mask is not None
         if graph.mask is not None:
-            f = np.concatenate([f, graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+            f = np.concatenate([self.on_host(graph, f), graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+        compared = self.on_device(graph, f)
+        channels = compared.channels - masked
         scale = exp2_scale(form.scale or 0.0, float(np.finfo(self.dtype).max))
         nearness = self.upload(half.astype(self.dtype))
-        return Recomputed(self.put(graph, f).buffer, nearness, channels, scale, masked, form)
+        return Recomputed(compared.buffer, nearness, channels, scale, masked, form)
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+    def patch_distance(
+        self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
+    ) -> Weighted:
         expect_storage(graph, form, storage)
-        topology, f = self._topology(graph), np.asarray(f, self.dtype)
+        topology = self._topology(graph)
         similarity = () if form.scale is None else ("-DSIMILARITY",)
         if isinstance(topology, GridLayout):
             assert isinstance(graph, GridGraph)
@@ -71,20 +94,22 @@ class OpenCLPatches(OpenCLTiledPatches):
             weights = self._between_zeros(geometry.weight_size(), geometry.weight_guard, itemsize)
             if graph.half_window:
                 strips = self._strips(graph, form, 1)
-                planes = self.upload(strips.planes(f))
+                function = self.on_device(graph, f)
                 steps = graph.forward_offsets.astype(np.int32)
-                args = strips.args(self.upload, planes, steps, half, self.real)
+                args = self._strip_args(strips, self._planes_of(strips, function), steps, half)
                 args += [np.int64(geometry.weight_pitch), np.int64(geometry.weight_guard), weights]
-                options = ("-DGRID", *strips.options(f.shape[1]), *similarity)
+                options = ("-DGRID", *strips.options(function.channels), *similarity)
                 options += ("-DHALF_WEIGHTS",) if storage == "half" else ()
                 self._launch_strips("patch_distance", options, args, strips.size, strips)
             return Weighted(graph, topology, weights, storage=storage)
         weights = self._allocate(topology.geometry.weight_size() * self.dtype.itemsize)
-        padded, sites = padded_for_patches(graph, f, form.radius)
+        padded, sites = padded_for_patches(graph, self.on_host(graph, f), form.radius)
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         jumps = patch_jumps(window.shape, row_major(shape))
-        spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
+        spatial = self._nothing
+        if form.spatial is not None:
+            spatial = self.upload(topology.pack_weights(form.spatial.astype(self.dtype)))
         args = [
             self.upload(padded),
             np.int64(padded[0].size),
@@ -101,18 +126,18 @@ class OpenCLPatches(OpenCLTiledPatches):
         ]
         options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
         options += () if form.maps is None else ("-DMAPS",)
-        self._run("patch_distance", Weighted(graph, topology, None), args, options)
+        self._run("patch_distance", Weighted(graph, topology, None), args, options, sums=0)
         return Weighted(graph, topology, weights)
 
     def similarity_step(
         self,
         graph: GridGraph,
-        f: FloatArray,
+        f: Array | FloatArray,
         form: PatchForm,
         f0: Array,
         lam: float | Array,
         *,
-        guide: FloatArray | None = None,
+        guide: Array | FloatArray | None = None,
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
@@ -120,21 +145,19 @@ class OpenCLPatches(OpenCLTiledPatches):
             return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
         geometry = self._geometry(graph)
         assert isinstance(geometry, GridGeometry)
-        M = f.shape[1]
+        function, other = self.on_device(graph, f), None if guide is None else self.on_device(graph, guide)
+        M = function.channels
+        Q = M if other is None else other.channels
         out = self.empty(graph, M) if out is None else out
-        Q = M if guide is None else guide.shape[1]
-        tiles = self._patch_tiles(graph, form, Q, M, guided=guide is not None, largest=largest)
+        tiles = self._patch_tiles(graph, form, Q, M, guided=other is not None, largest=largest)
         if tiles is not None:
-            there = self.put(graph, f)
-            self._tiled_step(tiles, there, there if guide is None else self.put(graph, guide), f0, lam, out)
+            self._tiled_step(tiles, function, function if other is None else other, f0, lam, out)
             return out
         strips = self._strips(graph, form, 1 + M)
-        values = self.upload(strips.planes(np.asarray(f, self.dtype)))
-        compared = values
-        if guide is not None:
-            compared = self.upload(strips.planes(np.asarray(guide, self.dtype)))
+        values = self._planes_of(strips, function)
+        compared = values if other is None else self._planes_of(strips, other)
         lams, lam_options = self._lam(lam)
-        function = [
+        layout = [
             np.int64(geometry.pitch),
             np.int64(geometry.plane),
             np.int64(geometry.guard),
@@ -144,11 +167,11 @@ class OpenCLPatches(OpenCLTiledPatches):
         ]
         options = (*strips.options(Q), *(("-DLARGEST",) if largest else ()))
         pairs = graph.ndim == 2 and not strips.gpu and not largest
-        args = [*strips.args(self.upload, compared, *strips.offsets(pairs), self.real), values]
+        args = [*self._strip_args(strips, compared, *strips.offsets(pairs)), values]
         if not pairs:
             for first, count in strips.channel_groups(M):
                 own = (*options, f"-DM={count}", *lam_options)
-                self._launch_strips("similarity_step", own, [*args, np.int32(first), *function], strips.size, strips)
+                self._launch_strips("similarity_step", own, [*args, np.int32(first), *layout], strips.size, strips)
             return out
         slots = strips.slots()
         options += (f"-DM={M}", f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
@@ -160,7 +183,7 @@ class OpenCLPatches(OpenCLTiledPatches):
                 size = (slots.blocks, min(slots.at_once, slots.strips - first))
                 place = [np.int32(first), blocks, ring, buffer]
                 self._launch_strips("similarity_step", (*options, "-DPAIRS"), [*args, *place], size, strips)
-                finish = [*sizes, *place, *function]
+                finish = [*sizes, *place, *layout]
                 self._launch_strips("similarity_step", (*options, *lam_options, "-DSLOTS"), finish, size, strips)
         return out
 

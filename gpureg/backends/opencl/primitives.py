@@ -10,18 +10,19 @@ import numpy.typing as npt
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
-from .duality import OpenCLDuality
+from .cosines import OpenCLCosines
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
 from .layout import GridLayout
 from .listing import devices
 from .patches import OpenCLPatches
+from .sums import OpenCLSums
 from .zones import OpenCLZones
 
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
@@ -34,16 +35,16 @@ class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
         return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
-        self._run("degree", weighted, [out.buffer])
+        self._run("degree", weighted, [out.buffer], sums=1)
 
     def _largest_weight(self, weighted: Weighted, out: Array) -> None:
-        self._run("degree", weighted, [out.buffer], ("-DLARGEST",))
+        self._run("degree", weighted, [out.buffer], ("-DLARGEST",), sums=1)
 
     def _difference(self, weighted: Weighted, f: Array, out: Array) -> None:
-        self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",))
+        self._run("difference", weighted, [f.buffer, out.buffer], (f"-DM={f.channels}",), sums=0)
 
     def _adjoint(self, weighted: Weighted, H: Array, out: Array) -> None:
-        self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",))
+        self._run("adjoint", weighted, [H.buffer, out.buffer], (f"-DM={H.channels}",), sums=H.channels)
 
     def _gradient_norm(
         self,
@@ -56,13 +57,14 @@ class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
         out: Array,
     ) -> None:
         args = [f.buffer, self.real(eps) ** 2, self.real(power), self.real(edge_power or 0), out.buffer]
-        norms = f"-DG={1 if coupled else f.channels}"
-        options = (f"-DM={f.channels}", norms, *(() if edge_power is None else ("-DEDGE_NORM",)))
-        self._run("gradient_norm", weighted, args, options)
+        norms = 1 if coupled else f.channels
+        options = (f"-DM={f.channels}", f"-DG={norms}", *(() if edge_power is None else ("-DEDGE_NORM",)))
+        self._run("gradient_norm", weighted, args, options, sums=norms)
 
     def _p_laplacian(self, weighted: Weighted, f: Array, g: Conductance, out: Array) -> None:
         conductance, options = self._g(g, f.channels)
-        self._run("p_laplacian", weighted, [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options))
+        args, options = [f.buffer, *conductance, out.buffer], (f"-DM={f.channels}", *options)
+        self._run("p_laplacian", weighted, args, options, sums=f.channels)
 
     def _jacobi_step(
         self, weighted: Weighted, f: Array, f0: Array, g: Conductance, lam: float | Array, theta: float, out: Array
@@ -70,7 +72,8 @@ class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
         conductance, g_options = self._g(g, f.channels)
         lams, lam_options = self._lam(lam)
         args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
-        self._run("jacobi_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options))
+        options = (f"-DM={f.channels}", *g_options, *lam_options)
+        self._run("jacobi_step", weighted, args, options, sums=2 * f.channels)
 
     def sweep(
         self,
@@ -127,14 +130,8 @@ class OpenCLBackend(OpenCLDuality, OpenCLGroups, OpenCLPatches, OpenCLZones):
         lams, lam_options = self._lam(lam)
         taus, tau_options = self._number(tau, "-DTAU_ARRAY")
         args = [f.buffer, f0.buffer, *conductance, *lams, *taus, out.buffer]
-        self._run("euler_step", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *tau_options))
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps) ** 2]
-        norm = ("-DEDGE_NORM",) if model.edge else ()
-        options = (f"-DM={f.channels}", f"-DG={model.norms(f.channels)}", *lam_options, *norm)
-        return float(self._partial("energy", weighted, args, options, self._sum_type).astype(np.float64).sum())
+        options = (f"-DM={f.channels}", *g_options, *lam_options, *tau_options)
+        self._run("euler_step", weighted, args, options, sums=f.channels)
 
 
 def make(device: Device, dtype: npt.DTypeLike) -> Backend:

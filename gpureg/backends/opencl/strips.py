@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...graphs.grid import GridGraph, row_major
-from ..patches import PatchForm, patch_jumps, reflected
+from ..patches import PatchForm, patch_jumps
 from .geometry import round_up
 from .layout import Upload
 
@@ -148,22 +148,6 @@ class Strips:
         most = _GPU_BYTES // self.itemsize if self.gpu else channels
         return [(first, min(most, channels - first)) for first in range(0, channels, most)]
 
-    def planes(self, f: FloatArray) -> FloatArray:
-        """Copy a host function (n, channels) to padded planes (channels, *padded rows, pitch), padded by reflection."""
-        padded = reflected(self.graph, f, self.form.radius)
-        planes = np.zeros((*padded.shape[:-1], self.pitch), f.dtype)
-        planes[..., self.left : self.left + padded.shape[-1]] = padded
-        return planes
-
-    def among_zeros(self, f: npt.NDArray[Any], dtype: npt.DTypeLike) -> FloatArray:
-        """Copy a host function (n, channels) to padded planes as in :meth:`planes`, padded by 0."""
-        r = self.form.radius
-        cells = np.moveaxis(f.reshape(*self.graph.shape, -1), -1, 0)
-        within = np.pad(cells, [(0, 0)] + [(r, r)] * self.graph.ndim)
-        planes = np.zeros((*within.shape[:-1], self.pitch), dtype)
-        planes[..., self.left : self.left + within.shape[-1]] = within
-        return planes
-
     def offsets(self, pairs: bool) -> tuple[npt.NDArray[np.int32], FloatArray]:
         """Return the window and its spatial factors; for `pairs` the forward half, sorted by the last axis."""
         graph = self.graph
@@ -174,10 +158,16 @@ class Strips:
         return graph.offsets.astype(np.int32), np.concatenate([half[::-1], half])
 
     def args(
-        self, upload: Upload, guide: Any, steps: npt.NDArray[np.int32], spatial: FloatArray, real: Any
+        self,
+        upload: Upload,
+        planes: tuple[Any, Any, Any],
+        steps: npt.NDArray[np.int32],
+        spatial: FloatArray,
+        real: Any,
     ) -> list[Any]:
-        """Return the kernel arguments STRIP_ARGS; `guide` is padded planes on the device."""
+        """Return the kernel arguments STRIP_ARGS; `planes` are those of the guide, the mask and the maps, padded."""
         graph, form, r = self.graph, self.form, self.form.radius
+        guide, inside, maps = planes
         padded = tuple(s + 2 * r for s in graph.shape[:-1])
         # The patch along the leading axes, on three axes or more, as index steps in the padded plane.
         leading = form.window(max(graph.ndim - 2, 0))
@@ -189,8 +179,8 @@ class Strips:
             np.int64(self.plane),
             np.int64(self.pitch),
             np.int64(self.left),
-            guide if graph.mask is None else upload(self.among_zeros(graph.mask, real)),
-            guide if form.scale is None or form.maps is None else upload(self.among_zeros(form.maps, real)),
+            inside,
+            maps,
             upload(np.array(graph.shape, np.int32)),
             np.int32(len(steps)),
             upload(steps),

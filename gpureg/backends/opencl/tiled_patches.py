@@ -7,12 +7,12 @@ import numpy as np
 from ...graphs.grid import GridGraph
 from ..patches import PatchForm
 from ..types import Array
+from .cells import OpenCLCells
 from .geometry import GridGeometry
-from .launching import OpenCLLaunches
 from .patch_tiles import ITEMS, PatchTiles
 
 
-class OpenCLTiledPatches(OpenCLLaunches):
+class OpenCLTiledPatches(OpenCLCells):
     """Weights from patches in blocks of cells that a work group has in local memory."""
 
     def _patch_tiles(
@@ -36,7 +36,7 @@ class OpenCLTiledPatches(OpenCLLaunches):
             self._nothing if words is None else self.upload(words),
             np.int32(0 if words is None else words.shape[1]),
             np.int32(tiles.mask_left),
-            self._nothing if form.maps is None else self.put(graph, form.maps).buffer,
+            self._nothing if form.maps is None else self.on_device(graph, form.maps).buffer,
             *(np.int32(size) for size in (*graph.shape, *tiles.reach)),
             self.upload(tiles.spatial().astype(self.dtype)),
             self.upload(form.profile.astype(self.dtype)),

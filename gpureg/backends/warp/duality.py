@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import warp as wp
 
 from ...graphs.grid import AnyGraph
-from ...kernels.warp import combine, dot, dual_step, duality_gap, gradient, max_change, primal
+from ...kernels.warp import combine, dual_step, gradient, primal
 from ..duality import prox_case
+from ..sums import Ratio, ratios
 from ..types import Array, Conductance, Smoothness, Weighted
 from .launching import WarpLaunches
 from .layout import channels_of
 
 
-def _of(over: float | Array) -> int:
+def over_channels(over: float | Array) -> int:
     """Return the channels of the divisor; 0 for a number."""
     return channels_of(over) if isinstance(over, wp.array) else 0
 
@@ -23,22 +23,22 @@ def _of(over: float | Array) -> int:
 class WarpDuality(WarpLaunches):
     """The primitives of the certified solvers."""
 
-    def max_change(self, graph: AnyGraph, a: Array, b: Array) -> float:
-        shape = self._layout(graph).shape
-        options = (self.real, channels_of(a))
-        return float(self._partial(max_change.make, shape, options, [a, b], self.real, math.prod(shape)).max())
-
-    def dot(self, graph: AnyGraph, a: Array, b: Array, *, over: float | Array = 1.0) -> float:
-        shape = self._layout(graph).shape
-        options = (self.real, channels_of(a), _of(over))
-        return float(self._partial(dot.make, shape, options, [a, b, over], wp.float64, math.prod(shape)).sum())
-
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
         shape = self._layout(graph).shape
-        options = (self.real, channels_of(x), _of(over))
-        self._launch(shape, combine.make, options, [a, x, b, y, over], out, work=math.prod(shape))
+        numbers, factors, places = ratios(a, b)
+        options = (self.real, channels_of(x), over_channels(over), numbers is not None)
+        values = None if numbers is None else numbers.values
+        inputs = [factors[0], x, factors[1], y, over, values, wp.vec4i(*places)]
+        self._launch(shape, combine.make, options, inputs, out, work=math.prod(shape))
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
@@ -70,12 +70,3 @@ class WarpDuality(WarpLaunches):
         bound = weighted.topology
         options = (bound.access, channels_of(f0), isinstance(lam, wp.array))
         self._launch_vertices(bound.layout, primal.make, options, [self._mirrored(weighted), y, f0, lam], out)
-
-    def duality_gap(
-        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
-    ) -> float:
-        M, layout = channels_of(f), weighted.topology.layout
-        case = prox_case(model.p, model.eps)
-        options = (weighted.topology.access, M, model.norms(M), case, model.edge, isinstance(lam, wp.array))
-        inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, model.p, model.eps]
-        return float(self._partial(duality_gap.make, layout.shape, options, inputs, wp.float64, layout.work).sum())

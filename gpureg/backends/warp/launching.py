@@ -32,9 +32,6 @@ from .layout import Bound, Csr, Grid, channels_of, equal_cuts
 from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
 from .recording import Record
 
-# Segments of a long sum: enough to use a whole device, few enough for the host to add.
-_CPU_SEGMENTS, _CUDA_SEGMENTS = 1 << 12, 1 << 16
-
 
 class WarpLaunches(Backend):
     """Graphs and functions on a Warp device, and launches of kernels over them."""
@@ -227,36 +224,6 @@ class WarpLaunches(Backend):
     def _mirrored(self, weighted: Weighted) -> Any:
         """Return the graph as a kernel argument, with the indices of opposite edges."""
         return weighted.topology.layout.argument(weighted.weights, True)
-
-    def _segments(self, shape: tuple[int, int]) -> tuple[int, list[int]]:
-        """Return the segments of a row, and their reach, stride and count (``energy.py``).
-
-        On a CPU a work item takes neighbouring vertices; on a GPU neighbouring work items take neighbouring vertices.
-        """
-        rows, width = shape
-        gpu = self.device.kind == "gpu"
-        wanted = min(width, -(-(_CUDA_SEGMENTS if gpu else _CPU_SEGMENTS) // rows))
-        if gpu:
-            wanted = max(wanted, min(width, 32))
-        count = -(-width // wanted)
-        segments = -(-width // count)
-        return segments, [1, segments, count] if gpu else [count, 1, count]
-
-    def _partial(
-        self,
-        make: Callable[..., Any],
-        shape: tuple[int, int],
-        options: tuple[Any, ...],
-        inputs: list[Any],
-        dtype: Any,
-        work: int,
-    ) -> FloatArray:
-        """Compute one number per segment of each row, (rows, segments)."""
-        segments, cut = self._segments(shape)
-        out = memory.zeros((shape[0], segments), dtype=dtype, device=self._on)
-        self._launch((shape[0], segments), make, options, [*inputs, *cut], out, work=work)
-        partial: FloatArray = out.numpy()
-        return partial
 
     # Kernel arguments
 

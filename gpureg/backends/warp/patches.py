@@ -147,14 +147,16 @@ class WarpPatches(WarpPlanes):
         """Return the work of a launch over the cells of a grid."""
         return graph.n_vertices * (1 + len(offsets)) * len(form.profile) * channels // PACK_SPEED
 
-    def patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm, *, storage: Storage = "full") -> Weighted:
+    def patch_distance(
+        self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
+    ) -> Weighted:
         if storage != "full":
             raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
             weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
             if graph.half_window:
-                compared, offsets = self._function(graph, f), graph.forward_offsets
+                compared, offsets = self.on_device(graph, f), graph.forward_offsets
                 blocks = self._blocks(graph, form.radius, 0, 2)
                 half = np.ones(graph.half_window) if form.spatial is None else form.spatial
                 patches, source = self._patches(blocks, form, compared, offsets, half)
@@ -162,7 +164,7 @@ class WarpPatches(WarpPlanes):
                 made = (self.real, similarity, source)
                 self._launch(blocks.count, patch_distance.make_grid, made, [patches], weights, work=work)
             return self._bind(graph, weights)
-        padded, sites = padded_for_patches(graph, np.asarray(f, self.dtype), form.radius)
+        padded, sites = padded_for_patches(graph, self.on_host(graph, f), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         # The lines of the patch along the last axis, as steps in padded rows.
@@ -203,19 +205,19 @@ class WarpPatches(WarpPlanes):
     def similarity_step(
         self,
         graph: GridGraph,
-        f: FloatArray,
+        f: Array | FloatArray,
         form: PatchForm,
         f0: Array,
         lam: float | Array,
         *,
-        guide: FloatArray | None = None,
+        guide: Array | FloatArray | None = None,
         largest: bool = False,
         out: Array | None = None,
     ) -> Array:
         if form.scale is None:
             return super().similarity_step(graph, f, form, f0, lam, guide=guide, largest=largest, out=out)
-        values = self._function(graph, f)
-        compared, M = values if guide is None else self._function(graph, guide), self.channels(values)
+        values = self.on_device(graph, f)
+        compared, M = values if guide is None else self.on_device(graph, guide), self.channels(values)
         out = self.empty(graph, M) if out is None else out
         blocks = self._blocks(graph, form.radius, form.average, 1 + M + largest)
         half = np.ones(graph.half_window) if form.spatial is None else form.spatial

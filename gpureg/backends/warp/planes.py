@@ -13,15 +13,11 @@ import warp as wp
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import padded
 from . import memory
-from .launching import WarpLaunches
+from .cells import WarpCells
 
 
-class WarpPlanes(WarpLaunches):
+class WarpPlanes(WarpCells):
     """Functions in planes with cells beyond the border, as kernels of patches read them (``padded.py``)."""
-
-    def _function(self, graph: GridGraph, f: Any) -> Any:
-        """Return a function on the device; a host array (n, m) is copied to it."""
-        return f if isinstance(f, wp.array) else self.put(graph, f)
 
     def _numbers(self, f: Any) -> Any:
         """Return the numbers of a device function as a flat array, which shares its memory."""
@@ -47,7 +43,7 @@ class WarpPlanes(WarpLaunches):
         """
         channels, values = 1, None
         if f is not None:
-            function = self._function(graph, f)
+            function = self.on_device(graph, f)
             channels, values = self.channels(function), self._numbers(function)
         axes = np.array([graph.shape, radius, before, shape, row_major(graph.shape)], np.int32)
         out = memory.empty(channels * math.prod(shape), dtype=self.real, device=self._on)

@@ -9,7 +9,6 @@ from ...kernels.warp import (
     adjoint,
     degree,
     difference,
-    energy,
     euler_step,
     gradient_norm,
     jacobi_step,
@@ -17,17 +16,18 @@ from ...kernels.warp import (
 )
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
-from .duality import WarpDuality
+from .cosines import WarpCosines
 from .groups import WarpGroups
 from .layout import channels_of
 from .listing import devices
 from .patches import WarpPatches
+from .sums import WarpSums
 from .zones import WarpZones
 
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpSums, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
@@ -87,13 +87,6 @@ class WarpBackend(WarpDuality, WarpGroups, WarpPatches, WarpZones):
         options, conductance = self._conductance(g, M)
         arrays = (isinstance(lam, wp.array), isinstance(tau, wp.array))
         self._run(euler_step.make, weighted, (M, *options, *arrays), [f, f0, *conductance, lam, tau], out)
-
-    def energy(self, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness) -> float:
-        bound, M = weighted.topology, channels_of(f)
-        options = (bound.access, M, model.norms(M), model.edge, isinstance(lam, wp.array))
-        inputs = [bound.argument, f, f0, lam, model.p, self._squared(model.eps)]
-        layout = bound.layout
-        return float(self._partial(energy.make, layout.shape, options, inputs, wp.float64, layout.work).sum())
 
     def finish(self) -> None:
         wp.synchronize_device(self._on)

@@ -1,0 +1,28 @@
+"""Arrays of CuPy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy.typing as npt
+
+from .library import Place, on_cuda
+
+
+def to_host(array: Any, name: str) -> npt.NDArray[Any]:
+    """Return a copy, after the work on the current stream of the array's device."""
+    found: npt.NDArray[Any] = array.get()
+    return found
+
+
+def to_library(value: npt.NDArray[Any], like: Any) -> Any:
+    """Return an array on the device of `like`, made on its current stream."""
+    import cupy
+
+    with like.device:
+        return cupy.asarray(value)
+
+
+def place(array: Any) -> Place | None:
+    """Return the CUDA device; None with AMD's GPUs."""
+    return on_cuda(array)

@@ -1,0 +1,95 @@
+"""Arrays of NVIDIA Warp; and memory of CUDA, which is read through Warp."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import Place, on_cuda, refuse_gradients
+
+# CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL of the CUDA driver.
+_DEVICE_ORDINAL = 9
+
+
+def to_host(array: Any, name: str) -> npt.NDArray[Any]:
+    """Return a view of an array on the CPU, a copy of one on a GPU; vectors have a last axis of components."""
+    import warp as wp
+
+    if array.requires_grad:
+        refuse_gradients(name, f"warp.clone({name}, requires_grad=False)")
+    if getattr(array.dtype, "_wp_scalar_type_", array.dtype) is getattr(wp, "bfloat16", None):
+        raise TypeError(f"{name} has the type bfloat16, which numpy has not: convert it to float32")
+    found: npt.NDArray[Any] = array.numpy()
+    return found
+
+
+def to_library(value: npt.NDArray[Any], like: Any) -> Any:
+    """Return an array on the device of `like`, of its vectors if the axes and the type are the same."""
+    import warp as wp
+
+    dtype = wp.dtype_from_numpy(value.dtype)
+    vector = getattr(like.dtype, "_shape_", ())
+    if vector and like.dtype._wp_scalar_type_ is dtype and value.ndim == like.ndim + len(vector):
+        if value.shape[-len(vector) :] == tuple(vector):
+            return _array(value, like.dtype, value.shape[: -len(vector)], like.device)
+    return _array(value, dtype, value.shape, like.device)
+
+
+def place(array: Any) -> Place | None:
+    """Return the CUDA device of an array."""
+    return on_cuda(array)
+
+
+def of_cuda(array: Any) -> Any:
+    """Return the memory of an object of another library on a CUDA device as a Warp array, without a copy.
+
+    The stream of Warp waits for the one that the object names.
+    """
+    try:
+        import warp as wp
+    except ImportError:
+        raise ImportError(
+            f"reading {type(array).__name__} from a CUDA device needs Warp: pip install 'gpureg[warp]'"
+        ) from None
+    if hasattr(array, "__dlpack__"):
+        return wp.from_dlpack(array)
+    interface = array.__cuda_array_interface__
+    device = wp.get_device(f"cuda:{_device_of(int(interface['data'][0]))}")
+    if interface.get("stream") is not None:
+        device.stream.wait_stream(wp.Stream(device, cuda_stream=interface["stream"]))
+    return wp.array(data=array, device=device, copy=False)
+
+
+def to_cuda(value: npt.NDArray[Any], device: int) -> Any:
+    """Return a copy of a host array on a CUDA device, as a Warp array."""
+    import warp as wp
+
+    return _array(value, wp.dtype_from_numpy(value.dtype), value.shape, f"cuda:{device}")
+
+
+def _device_of(pointer: int) -> int:
+    """Ask the driver for the number of the device on which memory lies."""
+    from warp import get_cuda_devices
+
+    if pointer == 0 or len(get_cuda_devices()) == 1:
+        return 0
+    try:
+        driver = ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        driver = ctypes.CDLL("nvcuda.dll")
+    found = ctypes.c_int()
+    if driver.cuPointerGetAttribute(ctypes.byref(found), _DEVICE_ORDINAL, ctypes.c_uint64(pointer)):
+        raise TypeError("the CUDA driver does not know the memory of this array")
+    return found.value
+
+
+def _array(value: npt.NDArray[Any], dtype: Any, shape: tuple[int, ...], device: Any) -> Any:
+    """Make a Warp array; on the CPU it uses the memory of `value`."""
+    import warp as wp
+
+    if not value.size:
+        return wp.empty(shape, dtype=dtype, device=device)
+    return wp.array(data=np.ascontiguousarray(value), dtype=dtype, shape=shape, device=device, copy=False)
