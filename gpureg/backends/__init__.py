@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .cosines import Cosines
-from .dispatch import absent, auto, devices, get, left_out, names, why_auto
+from .dispatch import Chosen, absent, auto, devices, get, left_out, names, several, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
@@ -17,6 +17,7 @@ __all__ = [
     "Array",
     "Backend",
     "BackendUnavailable",
+    "Chosen",
     "Conductance",
     "Cosines",
     "Device",
@@ -38,5 +39,6 @@ __all__ = [
     "left_out",
     "names",
     "over_patches",
+    "several",
     "why_auto",
 ]

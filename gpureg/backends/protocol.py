@@ -261,3 +261,6 @@ class Backend(CosineSolves, Duality, Sums, CellPrimitives, GroupPrimitives, Zone
 
     def finish(self) -> None:
         """Wait until the device has finished all work."""
+
+    def release(self) -> None:
+        """Free memory of the device that is only a cache; for a new try after its memory has run out."""
