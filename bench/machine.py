@@ -79,7 +79,7 @@ def _cpu() -> str:
     return platform.processor() or platform.machine()
 
 
-def _best(work: Callable[[], Any], repeats: int) -> float:
+def best(work: Callable[[], Any], repeats: int) -> float:
     """Least seconds after a warm-up."""
     work()
     seconds = []
@@ -110,16 +110,17 @@ def host_bounds(quick: bool, repeats: int) -> dict[str, float]:
         for threads in sorted({1, cores()}):
             edges = [n * k // threads for k in range(threads + 1)]
             with ThreadPoolExecutor(threads) as pool:
-                seconds = _best(lambda: list(pool.map(work, edges[:-1], edges[1:])), repeats)  # noqa: B023
+                seconds = best(lambda: list(pool.map(work, edges[:-1], edges[1:])), repeats)  # noqa: B023
             found[f"{name}_{threads}"] = arrays * a.nbytes / seconds
         found[name] = max(found[f"{name}_{threads}"] for threads in {1, cores()})
     size = 512 if quick else 2048
     x, y = np.random.default_rng(3).random((2, size, size), dtype=np.float32)
-    found["rate"] = 2.0 * size**3 / _best(lambda: x @ y, repeats)
+    found["rate"] = 2.0 * size**3 / best(lambda: x @ y, repeats)
     return found
 
 
-def _opencl_bounds(device: Any, quick: bool, repeats: int) -> dict[str, float]:
+def opencl_bounds(device: Any, quick: bool, repeats: int) -> dict[str, float]:
+    """Copy, triad and multiply-adds of an OpenCL device, as :func:`bounds` has them."""
     import pyopencl as cl
 
     context = cl.Context([device.handle])
@@ -144,7 +145,7 @@ def _opencl_bounds(device: Any, quick: bool, repeats: int) -> dict[str, float]:
             kernel(queue, (size,), None, *args)
             queue.finish()
 
-        return _best(work, repeats)
+        return best(work, repeats)
 
     def copied() -> None:
         cl.enqueue_copy(queue, b, a)
@@ -152,7 +153,7 @@ def _opencl_bounds(device: Any, quick: bool, repeats: int) -> dict[str, float]:
 
     copy, triad = cl.Kernel(program, "copy"), cl.Kernel(program, "triad")
     found = {
-        "copy": 8.0 * n / min(timed(copy, n // width, a, b), _best(copied, repeats)),
+        "copy": 8.0 * n / min(timed(copy, n // width, a, b), best(copied, repeats)),
         "triad": 12.0 * n / timed(triad, n // width, a, b, c),
     }
     # 16 numbers to a work item on a GPU too: more independent chains.
@@ -181,11 +182,11 @@ def bounds(quick: bool, repeats: int) -> dict[str, dict[str, float]]:
     for device in listed:
         try:
             if device.backend == "opencl":
-                found[device.id] = _opencl_bounds(device, quick, repeats)
+                found[device.id] = opencl_bounds(device, quick, repeats)
             elif device.backend == "warp" and device.kind == "gpu":
                 from .warp_bounds import measure
 
-                found[device.id] = measure(device.handle, quick, repeats, _best, SHORTEST)
+                found[device.id] = measure(device.handle, quick, repeats, best, SHORTEST)
             else:
                 found[device.id] = {}
         except Exception as error:  # a driver that cannot do this must not take the table down

@@ -2,7 +2,8 @@
 
 Bytes are those that a call must move, each array once, or what the kernel reads twice as well where its header says so.
 Instructions are those of the loops in the machine code that clang and ptxas made for sm_90, times the trips, and so are
-the words of local memory. NVIDIA's own OpenCL compiler may make fewer.
+the words of local memory: of the kernels, as in kernels/README.md, or of prototypes of the same design. NVIDIA's own
+compiler of OpenCL may make fewer.
 """
 
 from __future__ import annotations
@@ -88,16 +89,18 @@ class Count:
 
 # Pixels of a window of 21 x 21, and of the halo of a tile of 64 x 32 for one pixel.
 WINDOW, HALO = 441, 1.22
-_LOOP = "instructions of the loop"
+# Where instructions were counted.
+_KERNEL, _PROTOTYPE, _DOOR = "the kernel", "a prototype", "kernels and 2 transfers"
 
 COUNTS: dict[str, Count] = {
     # f, f0 and the result once; weights once per pair
-    "sweep, 4 neighbours": Count(12, 61 * HALO, 8.8 * HALO, source=_LOOP),
-    "sweep, 8 neighbours, weights": Count(28, 113 * HALO, 8.8 * HALO, source=_LOOP),
+    "sweep, 4 neighbours": Count(12, 61 * HALO, 8.8 * HALO, source=_PROTOTYPE),
+    "sweep, 8 neighbours, weights": Count(28, 113 * HALO, 8.8 * HALO, source=_PROTOTYPE),
     "sweep, 4 neighbours, RGB": Count(36),
+    # the two kernels: f twice, and the gradient norms written and read
     "sweep, volume, 6 neighbours": Count(24, launches=2),
     # 25 instructions per 4 terms, and a second launch for what the groups found
-    "dot": Count(8, 25 / 4, launches=2, source=_LOOP),
+    "dot": Count(8, 25 / 4, launches=2, source=_PROTOTYPE),
     "energy": Count(8, launches=2),
     "combine": Count(12),
     # y and the y before, read and written, at both ends of 4 edges; f twice
@@ -106,23 +109,17 @@ COUNTS: dict[str, Count] = {
     "duality gap, p = 1": Count(4 * (4 + 2), launches=2),
     # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs
     "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, launches=2),
-    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, launches=2),
-    # per offset of the window: 27.6, 49.7 with averaged patches, 45 and 87.6 in RGB; exponentials by the hardware
-    "nonlocal means, 7x7": Count(8, 27.6 * WINDOW, 6.3 * WINDOW, source=_LOOP),
-    "nonlocal means, 7x7, averaged": Count(8, 49.7 * WINDOW, 8.7 * WINDOW, source=_LOOP),
-    "nonlocal means, 7x7, RGB": Count(24, 45 * WINDOW, 11.8 * WINDOW, source=_LOOP),
-    "bilateral, 21x21": Count(8, 15 * WINDOW, source="about 15 instructions an offset"),
-    # the averaged filter, then groups of 25 and 49 samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel
-    # were counted at every 16th; the image there and back
-    "denoise_image, grey": Count(
-        8, 49.7 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source="the kernels, and 2 transfers"
-    ),
-    "denoise_image, grey, quality fast": Count(
-        8, 49.7 * WINDOW, host=8, launches=6, source="the kernel, and 2 transfers"
-    ),
-    "denoise_image, RGB": Count(
-        24, 87.6 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source="the kernels, and 2 transfers"
-    ),
+    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, launches=4),
+    # per offset of the window, with exponentials by a polynomial
+    "nonlocal means, 7x7": Count(8, 39 * WINDOW, 5.5 * WINDOW, source=_KERNEL),
+    "nonlocal means, 5x5, averaged": Count(12, 57 * WINDOW, 9.0 * WINDOW, source=_KERNEL),
+    "nonlocal means, 7x7, RGB": Count(24, 63 * WINDOW, 10.1 * WINDOW, source=_KERNEL),
+    "bilateral, 21x21": Count(8, 22 * WINDOW, 0.2 * WINDOW, source=_KERNEL),
+    # the averaged filter with patches of 7 x 7, between those of 5 x 5 and 11 x 11; then groups of 25 and 49 samples at
+    # every 36th pixel, for which 1.75 and 4.9 ms a megapixel were counted at every 16th; the image there and back
+    "denoise_image, grey": Count(8, 66 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source=_DOOR),
+    "denoise_image, grey, quality fast": Count(8, 66 * WINDOW, host=8, launches=6, source=_DOOR),
+    "denoise_image, RGB": Count(24, 71 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source=_DOOR),
 }
 """The counts by the name of a row of the table."""
 

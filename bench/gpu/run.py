@@ -38,11 +38,11 @@ def chosen(named: list[str]) -> list[Any]:
 def bandwidth(device: Any, quick: bool) -> dict[str, float]:
     """Copy, triad and multiply-adds that are measured on a device, as :func:`bench.machine.bounds` does."""
     if device.backend == "opencl":
-        return machine._opencl_bounds(device, quick, 3)
+        return machine.opencl_bounds(device, quick, 3)
     if device.kind == "gpu":
         from ..warp_bounds import measure
 
-        return measure(device.handle, quick, 3, machine._best, machine.SHORTEST)
+        return measure(device.handle, quick, 3, machine.best, machine.SHORTEST)
     return {name: value for name, value in machine.host_bounds(quick, 2).items() if name in ("copy", "triad", "rate")}
 
 
