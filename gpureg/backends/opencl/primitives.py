@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
-from ...graphs.grid import AnyGraph
 from ..protocol import Backend
-from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
+from ..types import Array, BackendUnavailable, Conductance, Device, Weighted
 from .cosines import OpenCLCosines
-from .geometry import GridGeometry
 from .groups import OpenCLGroups
-from .layout import GridLayout
 from .listing import devices
 from .patches import OpenCLPatches
 from .sums import OpenCLSums
+from .sweeps import OpenCLSweeps
 from .zones import OpenCLZones
 
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLSweeps, OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"
-
-    def sweep_bytes(self, graph: AnyGraph, channels: int, norms: int) -> int:
-        geometry = self._geometry(graph)
-        if not isinstance(geometry, GridGeometry) or self.device.kind == "gpu" or not norms:
-            return 0
-        blocks = geometry.blocks(channels, norms, True, self.device.handle.max_compute_units)
-        return math.prod(blocks.count) * blocks.ring_size * self.dtype.itemsize
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
         self._run("degree", weighted, [out.buffer], sums=1)
@@ -74,47 +63,6 @@ class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, Open
         args = [f.buffer, f0.buffer, *conductance, *lams, self.real(theta), out.buffer]
         options = (f"-DM={f.channels}", *g_options, *lam_options)
         self._run("jacobi_step", weighted, args, options, sums=2 * f.channels)
-
-    def sweep(
-        self,
-        weighted: Weighted,
-        f: Array,
-        f0: Array,
-        lam: float | Array,
-        model: Smoothness,
-        *,
-        theta: float,
-        g: Array | None,
-        out: Array,
-    ) -> Array:
-        layout = weighted.topology
-        fused = isinstance(layout, GridLayout) and self.device.kind == "cpu" and not weighted.directed
-        if not fused or not model.has_function:
-            return super().sweep(weighted, f, f0, lam, model, theta=theta, g=g, out=out)
-        G = model.norms(f.channels)
-        stored = weighted.weights is not None and weighted.storage != "none"
-        cores = self.device.handle.max_compute_units
-        geometry = layout.geometry
-        blocks = geometry.blocks(f.channels, G, stored, cores, wide=geometry.wide and weighted.storage != "none")
-        lams, lam_options = self._lam(lam)
-        args = [
-            f.buffer,
-            f0.buffer,
-            self.real(model.power),
-            self.real(model.eps) ** 2,
-            *lams,
-            self.real(theta),
-            np.int32(blocks.band),
-            np.int32(blocks.stretch),
-            np.int32(geometry.jump),
-            np.int32(blocks.slots),
-            np.int64(blocks.ring_pitch),
-            layout.rings(blocks, self._allocate),
-            out.buffer,
-        ]
-        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options)
-        self._run("sweep", weighted, args, options, blocks.count, exact=True, local=(1, 1))
-        return out
 
     def _euler_step(
         self,
