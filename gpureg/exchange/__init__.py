@@ -9,6 +9,18 @@ from __future__ import annotations
 
 from .arguments import Origin, as_came, as_given, call, called_with, on_host, place, taken
 from .lent import Lent
-from .library import Place
+from .library import Memory, Place
 
-__all__ = ["Lent", "Origin", "Place", "as_came", "as_given", "call", "called_with", "on_host", "place", "taken"]
+__all__ = [
+    "Lent",
+    "Memory",
+    "Origin",
+    "Place",
+    "as_came",
+    "as_given",
+    "call",
+    "called_with",
+    "on_host",
+    "place",
+    "taken",
+]

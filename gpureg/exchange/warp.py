@@ -100,14 +100,18 @@ def _memory(array: Any) -> Memory | None:
     import warp as wp
 
     kind = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
-    if not array.size or kind not in wp.types.warp_type_to_np_dtype:
+    try:
+        dtype = np.dtype(wp.dtype_to_numpy(kind))
+    except TypeError:
+        return None
+    if not array.size:
         return None
     whole = array.contiguous()
     shape = (*whole.shape, *getattr(array.dtype, "_shape_", ()))
     numbers = wp.array(ptr=whole.ptr, dtype=kind, shape=(math.prod(shape),), device=whole.device)
     # the memory lives as long as this array
     numbers._ref = whole
-    return Memory(numbers, shape, np.dtype(wp.dtype_to_numpy(kind)))
+    return Memory(numbers, shape, dtype)
 
 
 def to_cuda(value: npt.NDArray[Any], device: int) -> Any:

@@ -18,6 +18,7 @@ from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .groups import WarpGroups
 from .layout import channels_of
+from .lent import WarpLent
 from .listing import devices
 from .patches import WarpPatches
 from .sums import WarpSums
@@ -26,7 +27,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpSums, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpSums, WarpGroups, WarpLent, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
