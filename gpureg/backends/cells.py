@@ -79,7 +79,11 @@ class CellPrimitives(Data):
             values = values * np.asarray(units, values.dtype)
         out[...] = into_integers(values, out.dtype).reshape(out.shape)
 
-    def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array | None:
+    def reads(self, memory: Memory) -> bool:
+        """Return whether :meth:`put_memory` can use data where they lie."""
+        return False
+
+    def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array:
         """Return data on the device, (n, m), as a function in the units of a frame, without the host.
 
         Parameters
@@ -91,13 +95,8 @@ class CellPrimitives(Data):
             As in :meth:`put_cells`.
         fresh : bool, default False
             Whether the function has memory of its own. If not, it is `memory` where nothing is to be converted.
-
-        Returns
-        -------
-        Array or None
-            None where this device cannot read the memory.
         """
-        return None
+        raise NotImplementedError(f"{self!r} has no memory of Warp")
 
     def get_memory(self, graph: AnyGraph, f: Array, frame: Frame, dtype: npt.DTypeLike) -> Any:
         """Return a function, in the units of a frame, as data on the device: what ``Memory.numbers`` is, (n m,).

@@ -18,7 +18,7 @@ from ..backends import Array, Backend, Weighted
 from ..exchange import Lent
 from ..frame import Frame, spread, steps_of_samples
 from ..graphs.grid import AnyGraph, GridGraph
-from ..model.memory import budget
+from ..model.memory import budget_of
 from ..model.on_device import DeviceProblem, put_lam
 from ..model.problem import SQUARES, Problem, as_function, as_lam, default_eps
 from ..model.result import Result
@@ -26,7 +26,7 @@ from ..progress import progress_bar
 from ..solvers import Euler, Jacobi, Solver, run
 from ..weights import Constant, EdgeWeights, PatchWeights, Weights
 from .results import result_of
-from .tiled import tiles_of
+from .tiled import Cutting
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,10 @@ def regularize_lent(lent: Lent, graph: AnyGraph, method: Solver, asked: dict[str
     shape = _rows_of(graph, lent.memory.shape)
     if shape is None or not _is_plain(graph, shape[1], method, asked) or lent.memory.dtype.kind not in "iuf":
         return None
-    device = backends.get(asked["backend"], kind)
+    devices = backends.several(asked["backend"], kind)
+    device = devices[0]
+    if not device.reads(lent.memory):
+        return None
     held = held_type(lent.memory.dtype, np.float32)
     few, many = (lent.rows(shape[1], step).astype(held, copy=False) for step in steps_of_samples(shape[0]))
     if not _varies(few) or not _varies(many):
@@ -84,26 +87,43 @@ def regularize_lent(lent: Lent, graph: AnyGraph, method: Solver, asked: dict[str
         return None
     problem = _problem(graph, np.broadcast_to(np.zeros((), held), shape), frame, many, method, asked, kind)
     method.accept(problem)
-    run_with = {name: asked[name] for name in ("max_iter", "tol", "callback")}
-    if tiles_of(problem, device, method, budget(device, asked["memory"]), update_weights=None, **run_with) is not None:
+    cutting = Cutting(problem, method, asked["max_iter"], asked["tol"], asked["callback"])
+    if cutting.tiles(devices, budget_of(devices, asked["memory"])) is not None:
         return None
+    try:
+        return _solved(problem, device, lent, method, asked, begin)
+    except MemoryError:
+        # the host can cut the job into tiles
+        if asked["callback"] is not None:
+            raise
+        return None
+
+
+def _solved(
+    problem: LentProblem, device: Backend, lent: Lent, method: Solver, asked: dict[str, Any], begin: float
+) -> Result | None:
+    """Run on the device; None if the data are out of the range of the type, or the start has another shape."""
+    graph, frame = problem.graph, problem.frame
     f0 = device.put_memory(graph, lent.memory, frame)
-    if f0 is None or not _is_in_range(device, graph, f0, asked["dtype"]):
+    if not _is_in_range(device, graph, f0, asked["dtype"]):
         return None
-    on_device = DeviceProblem(problem, device, _weighted(problem, device, f0), f0, put_lam(problem, device, None), None)
+    weighted = _weighted(problem, device, f0)
+    on_device = DeviceProblem(problem, device, weighted, f0, put_lam(problem, device, None), None)
     if asked["initial"] is None:
         first = device.put_memory(graph, lent.memory, frame, fresh=True)
     else:
         start = as_function(graph, asked["initial"], "initial")
-        if start.shape != shape:
+        if start.shape != problem.f0.shape:
             return None
         first = on_device.put_function(problem.framed(start))
     with (
         np.errstate(over="ignore", invalid="ignore"),
         progress_bar(asked["progress"], asked["max_iter"]) as report,
     ):
+        run_with = {name: asked[name] for name in ("max_iter", "tol", "callback")}
         outcome = run(on_device, method, first, report=report, **run_with)
-    numbers = device.get_memory(graph, outcome.f, problem.frame, np.promote_types(kind, held))
+    data = problem.f0 if problem.data is None else problem.data
+    numbers = device.get_memory(graph, outcome.f, frame, np.promote_types(device.dtype, data.dtype))
     # the caller may free the data, and read the result on any stream
     device.finish()
     return result_of(outcome, lent.like(numbers), begin)
@@ -128,6 +148,7 @@ def _is_plain(graph: AnyGraph, channels: int, method: Solver, asked: dict[str, A
     lam = as_lam(graph, asked["lam"])
     return (
         known
+        and asked["update_weights"] is None
         and isinstance(method, Jacobi | Euler)
         and method.stop == "change"
         and (asked["coupled"] is True or channels == 1)

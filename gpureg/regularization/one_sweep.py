@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,17 +12,18 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, all_finite, computed_type
-from ..backends import Backend, Weighted, over_patches
+from ..backends import Backend, Chosen, Weighted, over_patches
 from ..frame import Frame
 from ..graphs.grid import GridGraph
-from ..model.memory import Budget, Job, budget
+from ..model.memory import Budget, Job, budget_of
 from ..model.problem import Problem
 from ..model.result import Result, Stop
 from ..progress import progress_bar
 from ..solvers.loop import expect_finite
 from ..weights import PatchWeights, Weights, patch_weights
 from .results import as_given
-from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
+from .sharing import Shared, shares
+from .tiling import Tile, Tiling, blocks_of, halo, need_of, part_problem, tiling, without_halo, work_of
 
 # Bytes per tile of a sweep without stored weights.
 _STEP_BYTES = 1 << 29
@@ -35,7 +36,7 @@ def one_sweep(
     lam: float | npt.ArrayLike,
     weights: Weights | npt.ArrayLike,
     eps: float | None = None,
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
     memory: int | None = None,
     progress: bool = False,
@@ -51,55 +52,65 @@ def one_sweep(
     begin = time.perf_counter()
     kind = None if dtype is None else computed_type(dtype)
     problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=frame or True)
-    device = backends.get(backend, problem.f0.dtype)
-    allowed = budget(device, memory)
+    devices = backends.several(backend, problem.f0.dtype)
     step = OneStep() if step is None else step
+    # devices share a step only if all of them do it in the same way
+    devices = tuple(one for one in devices if step.fuses(one, graph) == step.fuses(devices[0], graph))
+    allowed = budget_of(devices, memory)
     averages = step.averaged is not None
     # averaging from stored weights needs one more channel, the denominator, and shares
-    stored = averages and not step.fuses(device, graph)
+    stored = averages and not step.fuses(devices[0], graph)
     job = Job(
         channels=problem.f0.shape[1] + stored,
         weights=problem.weights,
         per_vertex=averages or problem.lam.ndim > 0,
         stored=stored,
     )
-    tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=stored))
+    tiles = _tiles_of_a_step(problem, job, devices, allowed, step.halo(problem))
+    if len(tiles.tiles) == 1:
+        devices = devices[:1]
+    shared: Shared[None] = Shared(devices, tiles, lambda tile: need_of(graph, tile.shape, job, devices))
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
-        value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
+        value = step_in_tiles(problem, step, shared, lambda done, of: report(done))
+    shared.warn()
     return Result.bare(
         as_given(problem.back(value), f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
         eps=problem.eps * problem.frame.scale,
         method="Gauss-Jacobi (eq. 25), "
-        + (
-            "each patch estimated as a whole, patches averaged." if averages else "its weights computed and not stored."
-        ),
-        backend=repr(device),
+        + ("each patch estimated as a whole, patches averaged" if averages else "its weights computed and not stored")
+        + f"{shared.told}.",
+        backend=shared.names,
         seconds=time.perf_counter() - begin,
     )
 
 
 def _tiles_of_a_step(
-    graph: GridGraph,
-    job: Job,
-    device: Backend,
-    allowed: Budget,
-    halo: tuple[int, ...],
-    work: Callable[[int], float],
+    problem: Problem, job: Job, devices: Sequence[Backend], allowed: Budget, halo: tuple[int, ...]
 ) -> Tiling:
     """Choose small tiles, which cost little because the halo is one window wide, and save memory of the host.
 
     If the window is too large for small tiles, the whole budget is used.
     """
-    need = job.need(graph, device)
+    graph = problem.graph
+    assert isinstance(graph, GridGraph)
+    need = need_of(graph, graph.shape, job, devices)
+    work = work_of(problem, stored=job.stored)
+
+    def within(budget: Budget) -> Tiling:
+        return tiling(graph, job, devices, budget, lambda n: halo, work, 1)
+
+    if len(devices) > 1:
+        found = shares(len(devices), need, Budget(min(allowed.total, _STEP_BYTES), allowed.largest, True), within)
+        if found is not None:
+            return found
     for limit in sorted({min(allowed.total, _STEP_BYTES), allowed.total}):
-        within = Budget(limit, min(allowed.largest, limit), allowed.asked)
-        if within.holds(need):
-            whole = tuple(slice(0, s) for s in graph.shape)
-            return Tiling(1, (Tile(whole, whole),))
+        some = Budget(limit, min(allowed.largest, limit), allowed.asked)
+        if some.holds(need):
+            return Tiling.whole(graph.shape, halo, blocks_of(graph, job, devices))
         try:
-            return tiling(graph, job, device, within, lambda n: halo, work, 1)
+            return within(some)
         except MemoryError:
             if limit == allowed.total:
                 raise
@@ -134,19 +145,21 @@ class OneStep:
 
 
 def step_in_tiles(
-    problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
+    problem: Problem, step: OneStep, shared: Shared[None], report: Callable[[int, int], None]
 ) -> FloatArray:
     """Do one sweep at p = 2 with patch weights, tile by tile, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
-    value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
-    for i, tile in enumerate(tiles.tiles):
-        part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
-        interior = without_halo(part.graph, _step(part, backend, step), tile)
+    value = np.empty((grid.n_vertices, problem.f0.shape[1]), shared.devices[0].dtype)
+
+    def work(device: Backend, tile: Tile) -> None:
+        part = part_problem(problem, tile) if tile.shape != grid.shape else problem
+        interior = without_halo(part.graph, _step(part, device, step), tile)
         if not all_finite(interior):
-            expect_finite(backend, 1, math.nan)
+            expect_finite(device, 1, math.nan)
         value.reshape(*grid.shape, -1)[tile.own] = interior
-        report(i + 1, len(tiles.tiles))
+
+    shared.run(work, report)
     return value
 
 

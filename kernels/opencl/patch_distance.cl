@@ -138,14 +138,13 @@ __kernel void patch_distance(
     __global real *out) /* (n_edges,) */
 {
     VERTEX
-    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
-        const long v = indices[e];
-        const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
+    EDGES
+    const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
 #ifdef SPATIAL
-        out[e] = EPILOGUE(rho, spatial[e], u, v);
+    out[e] = EPILOGUE(rho, spatial[e], u, v);
 #else
-        out[e] = EPILOGUE(rho, 1, u, v);
+    out[e] = EPILOGUE(rho, 1, u, v);
 #endif
-    }
+END
 }
 #endif

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ...graphs.grid import AnyGraph
 from ..duality import ProxCase, prox_case
+from ..sums import Ratio, ratios
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function
 from .launching import OpenCLLaunches
@@ -33,11 +36,21 @@ class OpenCLDuality(OpenCLLaunches):
         return self._number(over, f"-DOVER={over.channels}" if isinstance(over, Function) else "")
 
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
         overs, options = self._over(over)
-        args = [self.real(a), x.buffer, self.real(b), y.buffer, *overs, out.buffer]
-        self._run("combine", self._bare(graph), args, (f"-DM={x.channels}", *options))
+        numbers, factors, places = ratios(a, b)
+        options = (f"-DM={x.channels}", *options, *(() if numbers is None else ("-DRATIOS",)))
+        values = self._nothing if numbers is None else numbers.values
+        args = [self.real(factors[0]), x.buffer, self.real(factors[1]), y.buffer, *overs]
+        self._run("combine", self._bare(graph), [*args, values, *map(np.int32, places), out.buffer], options)
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array
@@ -46,7 +59,8 @@ class OpenCLDuality(OpenCLLaunches):
         lams, lam_options = self._lam(lam)
         data, options = (self._nothing, ()) if f0 is None else (f0.buffer, ("-DF0",))
         args = [f.buffer, data, *conductance, *lams, out.buffer]
-        self._run("gradient", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *options))
+        options = (f"-DM={f.channels}", *g_options, *lam_options, *options)
+        self._run("gradient", weighted, args, options, sums=f.channels)
 
     def dual_step(
         self,
@@ -60,11 +74,13 @@ class OpenCLDuality(OpenCLLaunches):
         beta: float,
         sigma: float,
     ) -> Array:
+        each = model.edge or prox_case(model.p, model.eps) == "square"  # no norm over the edges of a vertex
         numbers = [self.real(x) for x in (sigma, model.p, model.eps)]
         args = [y.buffer, f.buffer, f_previous.buffer, self._real(beta), *numbers, previous.buffer]
-        self._run("dual_step", weighted, args, norm_options(f.channels, model))
+        self._run("dual_step", weighted, args, norm_options(f.channels, model), sums=0 if each else f.channels)
         return previous
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         lams, options = self._lam(lam)
-        self._run("primal", weighted, [y.buffer, f0.buffer, *lams, out.buffer], (f"-DM={f0.channels}", *options))
+        args, options = [y.buffer, f0.buffer, *lams, out.buffer], (f"-DM={f0.channels}", *options)
+        self._run("primal", weighted, args, options, sums=f0.channels)

@@ -107,7 +107,9 @@ class OpenCLPatches(OpenCLCells):
         channels, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
         jumps = patch_jumps(window.shape, row_major(shape))
-        spatial = self._nothing if form.spatial is None else self.upload(form.spatial.astype(self.dtype))
+        spatial = self._nothing
+        if form.spatial is not None:
+            spatial = self.upload(topology.pack_weights(form.spatial.astype(self.dtype)))
         args = [
             self.upload(padded),
             np.int64(padded[0].size),
@@ -124,7 +126,7 @@ class OpenCLPatches(OpenCLCells):
         ]
         options = (f"-DM={channels}", *similarity, *(() if form.spatial is None else ("-DSPATIAL",)))
         options += () if form.maps is None else ("-DMAPS",)
-        self._run("patch_distance", Weighted(graph, topology, None), args, options)
+        self._run("patch_distance", Weighted(graph, topology, None), args, options, sums=0)
         return Weighted(graph, topology, weights)
 
     def similarity_step(

@@ -25,10 +25,11 @@ _MOST = 1 << 31
 class WarpLent(WarpCells):
     """Data on the same device: a function has their layout, C order, so that they are used or converted there."""
 
-    def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array | None:
+    def reads(self, memory: Memory) -> bool:
+        return memory.numbers.device == self._on and memory.dtype in TYPES and memory.numbers.size < _MOST
+
+    def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array:
         numbers = memory.numbers
-        if numbers.device != self._on or memory.dtype not in TYPES or numbers.size >= _MOST:
-            return None
         m = numbers.size // graph.n_vertices
         if frame == AS_GIVEN and memory.dtype == self.dtype:
             found = self._seen_as(numbers, reals.vector(self.real, m), self._layout(graph).shape)

@@ -16,6 +16,7 @@ from ...kernels.warp import (
 )
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
+from .cosines import WarpCosines
 from .groups import WarpGroups
 from .layout import channels_of
 from .lent import WarpLent
@@ -27,7 +28,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpSums, WarpGroups, WarpLent, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpSums, WarpGroups, WarpLent, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
