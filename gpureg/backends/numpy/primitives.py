@@ -20,7 +20,7 @@ from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .edges import Edges, conductance_of, raised
 from .groups import NumpyGroups
 from .patches import NumpyPatches
-from .sums import NumpySums
+from .scalars import NumpyScalars
 from .zones import NumpyZones
 
 TIER = 4
@@ -36,7 +36,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpySums, NumpyGroups, NumpyPatches, NumpyZones):
+class NumpyBackend(NumpyScalars, NumpyGroups, NumpyPatches, NumpyZones):
     """The primitives in numpy."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:

@@ -169,7 +169,8 @@ class OpenCLLaunches(OpenCLBuffers):
         self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
-        return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
+        gpu = self.device.kind == "gpu"
+        return Strips(graph, form, 1 if gpu else self.lanes, self.dtype.itemsize, gpu, sums)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
         """Return the two kernel arguments for a number or a function, and the build options."""
