@@ -136,7 +136,8 @@ static inline real added_by_team(const real x, __local four *memory)
 #define STORE_PIECE(x, c)
 #endif
 #define COLLECT(x, first, channels)                           \
-    for (int i_ = 0; i_ < (channels); ++i_) {                 \
+    _Pragma("unroll") for (int i_ = 0; i_ < (channels); ++i_) \
+    {                                                         \
         STORED((x)[i_], (first) + i_)                         \
         (x)[i_] = ADDED_BY_TEAM((x)[i_], ((first) + i_) & 1); \
         STORE_PIECE((x)[i_], (first) + i_)                    \
