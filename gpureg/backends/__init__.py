@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .cells import gaussian_taps
 from .dispatch import absent, auto, devices, get, left_out, names, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
@@ -28,6 +29,7 @@ __all__ = [
     "absent",
     "auto",
     "devices",
+    "gaussian_taps",
     "get",
     "in_turns",
     "left_out",
