@@ -49,7 +49,8 @@ def after_filter(
     ----------
     device : Backend
     grid : GridGraph
-        With the mask of the image, outside of which the data are those of the nearest cell inside.
+        That of the functions, with the mask of the image, outside of which the data are those of the nearest cell
+        inside.
     data, pilot : Array
         The data and the filter's result, in the units of the frame of the plan's noise.
     plan : DenoisePlan
@@ -65,28 +66,27 @@ def after_filter(
     noise, lam = plan.noise, np.asarray(plan.lam, np.float64)
     assert noise is not None
     inside = None if grid.mask is None or grid.mask.all() else grid.mask
-    around = GridGraph(grid.shape, 1, mask=grid.mask)
     if lam.ndim and (lam == 0).any():
-        data = _known(device, around, _chosen(device, around, data, pilot, lam.ravel() == 0), inside)
+        data = _known(device, grid, _chosen(device, grid, data, pilot, lam.ravel() == 0), inside)
     coloured = device.channels(data) == 3
     guide = pilot
     if coloured:
-        data, guide = (device.mix(around, f, _OPPONENT) for f in (data, guide))
+        data, guide = (device.mix(grid, f, _OPPONENT) for f in (data, guide))
     # its square, and sums of many of them, are numbers of float32
     sigma = min(max(noise.level / noise.frame.scale, 1 / LARGEST), LARGEST)
     level = None if profile is None else profile.ravel() ** 2
-    variance = sigma**2 if level is None else device.put(around, (sigma**2 * level)[:, None])
-    levels = None if level is None else device.put(around, level[:, None])
+    variance = sigma**2 if level is None else device.put(grid, (sigma**2 * level)[:, None])
+    levels = None if level is None else device.put(grid, level[:, None])
     with progress_bar(progress, len(plan.passes), "passes") as done:
         for i, each in enumerate(plan.passes):
             done(i)
-            guide = _known(device, around, guide, inside)
+            guide = _known(device, grid, guide, inside)
             # the third opponent colour adds noise to the distances, and little that the others do not tell
-            compared = device.mix(around, guide, np.eye(2, 3)) if coloured else guide
-            groups = device.patch_groups(around, compared, each.form(sigma), level=levels)
+            compared = device.mix(grid, guide, np.eye(2, 3)) if coloured else guide
+            groups = device.patch_groups(grid, compared, each.form(sigma), level=levels)
             guide = device.group_step(groups, data, guide, variance)
         done(len(plan.passes))
-    return device.mix(around, guide, _OPPONENT.T) if coloured else guide
+    return device.mix(grid, guide, _OPPONENT.T) if coloured else guide
 
 
 def after_passes(

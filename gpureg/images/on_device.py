@@ -15,7 +15,7 @@ from ..checks import number
 from ..frame import Frame
 from ..graphs.grid import GridGraph
 from ..model.memory import budget
-from ..model.problem import as_lam, as_pinned, real_type
+from ..model.problem import as_lam, as_pinned, known_rows, real_type
 from ..model.result import Interrupted, Result, Stop
 from ..regularization.one_sweep import device_step, fits_device
 from ..solvers.loop import expect_finite
@@ -86,22 +86,24 @@ def run_on_device(ready: Prepared, raster: Raster, asked: RunPlan) -> Result | N
     Returns
     -------
     Result or None
-        None if the image does not fit the device as a whole, or the plan has no units in which parts of the image are
-        computed with as the whole: then the sweep is made in tiles.
+        None if the image does not fit the device as a whole, or if the passes have other units than the sweep: then the
+        sweep is made in tiles, and the passes begin with a result on the host.
     """
     plan = ready.plan
-    frame, weights = plan.frame, plan.weights
-    if frame is None or not isinstance(weights, Weights) or not suits_passes(plan):
+    weights = plan.weights
+    if not isinstance(weights, Weights) or not suits_passes(plan) or (plan.frame is None and plan.units):
         return None
     grid = GridGraph(raster.shape, plan.radius, plan.metric, spacing=plan.spacing, mask=raster.inside)
+    lam = as_pinned(grid, as_lam(grid, plan.lam))
+    cells = ready.cells.reshape(grid.n_vertices, -1)
+    frame = plan.frame or Frame.of(known_rows(grid, cells, lam))
     scaled = weights.on(grid).scaled(frame.scale)
     if scaled is None:
         return None
-    lam = as_pinned(grid, as_lam(grid, plan.lam))
     eps = 0.0 if plan.eps is None else number("eps", plan.eps, low=0)
     kind = raster.chosen_type(asked["dtype"])
     if kind is None:
-        kind = real_type(frame, ready.cells.reshape(grid.n_vertices, -1), plan.units)
+        kind = real_type(frame, cells, plan.units)
     device, step = backends.get(asked["backend"], kind), step_of(plan)
     allowed = budget(device, asked["memory"])
     if not fits_device(step.job(device, grid, raster.channels, scaled, lam), grid, device, allowed):

@@ -210,7 +210,7 @@ class Problem:
             edge_factor,
             norm,
             coupled,
-            _given_eps(eps, p, _known(graph, data, fidelity), smoothed),
+            _given_eps(eps, p, known_rows(graph, data, fidelity), smoothed),
         )
         if framed:
             problem = problem._in_a_frame(dtype, framed if isinstance(framed, Frame) else None)
@@ -222,7 +222,7 @@ class Problem:
         """Return the problem in the units of a frame, with data of this type."""
         # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
         symmetric = isinstance(self.gamma, str) and not uses_degrees(self.gamma)
-        frame = given or Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
+        frame = given or Frame.of(known_rows(self.graph, self.f0, self.lam), centred=symmetric)
         weights = self.weights
         if isinstance(weights, Weights):
             weights = weights.scaled(frame.scale)
@@ -275,7 +275,7 @@ class Problem:
     @property
     def spread(self) -> float:
         """The spread of the data (:func:`gpureg.frame.spread`) where there are any; 1 for constant data."""
-        return spread(_known(self.graph, self.f0, self.lam)) or 1.0
+        return spread(known_rows(self.graph, self.f0, self.lam)) or 1.0
 
 
 def real_type(frame: Frame, values: npt.NDArray[Any], units: Sequence[float] = ()) -> np.dtype[Any]:
@@ -286,7 +286,7 @@ def real_type(frame: Frame, values: npt.NDArray[Any], units: Sequence[float] = (
     return np.dtype(np.float64 if reach > _SQUARES else np.float32)
 
 
-def _known(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
+def known_rows(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
     """Return the rows of a function, (n, m), at vertices inside the mask with a fidelity > 0; if it is 0, at all."""
     known = np.ones(1, bool) if lam.ndim == 0 else lam[:, 0] > 0
     if isinstance(graph, GridGraph) and graph.mask is not None:
