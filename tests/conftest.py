@@ -5,12 +5,33 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pretended
 import pytest
 
 from gpureg import backends
 
 # small noisy pictures in files, for the tests of the command line
 pytest_plugins = ["commands"]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--as-gpu",
+        choices=pretended.KINDS,
+        help="let all devices say that they are GPUs, with float64 or without it and without subnormal numbers",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    kind = config.getoption("as_gpu")
+    if kind is not None:
+        pretended.pretend(kind)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out the tests of what a GPU gets, which take minutes, unless they are asked for by --as-gpu."""
+    asked = config.getoption("as_gpu") is not None
+    return True if collection_path == Path(__file__).parent / "gpu" and not asked else None
 
 
 def _listed(variable: str) -> list[str]:
@@ -47,11 +68,32 @@ def device_params(found: list[str], absent: dict[str, str], wanted: list[str], r
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
         found = [device.id for device in backends.devices()]
-        if metafunc.definition.get_closest_marker("one_driver"):
-            # the first of each backend: primitives are held on every driver elsewhere, and kernels take long to build
-            found = list({name.partition(":")[0]: name for name in reversed(found)}.values())[::-1]
         params = device_params(found, backends.absent(), _listed("GPUREG_TEST_DEVICES"), _listed("GPUREG_REQUIRE"))
         metafunc.parametrize("device", params, indirect=True)
+
+
+def _on_every_driver(test: pytest.Function) -> bool:
+    """Whether a test runs on every driver of a backend, not on its first device alone: kernels take long to build.
+
+    Primitives are held on all of them, in tests/backends and where the mark says so.
+    """
+    room = test.path.is_relative_to(Path(__file__).parent / "backends")
+    marked = test.get_closest_marker("one_driver" if room else "every_driver") is not None
+    return room != marked
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the first device of each backend where one driver is enough."""
+    wanted = _listed("GPUREG_TEST_DEVICES")
+    listed = [device.id for device in backends.devices() if not wanted or device.id in wanted]
+    first = {name.partition(":")[0]: name for name in reversed(listed)}
+
+    def stays(item: pytest.Item) -> bool:
+        name = item.callspec.params.get("device") if hasattr(item, "callspec") else None
+        others = isinstance(name, str) and first.get(name.partition(":")[0], name) != name
+        return not others or _on_every_driver(item)
+
+    items[:] = [item for item in items if stays(item)]
 
 
 @pytest.fixture

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from .cells import gaussian_taps
-from .dispatch import absent, auto, devices, get, left_out, names, why_auto
+from .cosines import Cosines
+from .dispatch import Chosen, absent, auto, devices, get, left_out, names, several, why_auto
 from .duality import BALL_ROUNDINGS
 from .groups import GroupForm, Groups
 from .patches import PatchForm, over_patches
 from .protocol import Backend
 from .recorded import Recorded, in_turns
+from .sums import Numbers, Ratio
 from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
@@ -16,12 +18,16 @@ __all__ = [
     "Array",
     "Backend",
     "BackendUnavailable",
+    "Chosen",
     "Conductance",
+    "Cosines",
     "Device",
     "GroupForm",
     "Groups",
     "LeftOut",
+    "Numbers",
     "PatchForm",
+    "Ratio",
     "Recorded",
     "Smoothness",
     "Storage",
@@ -35,5 +41,6 @@ __all__ = [
     "left_out",
     "names",
     "over_patches",
+    "several",
     "why_auto",
 ]

@@ -10,8 +10,9 @@ import functools
 import importlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -171,7 +172,7 @@ def _find(name: str, dtype: npt.DTypeLike) -> Device:
     family, _, rest = name.partition(":")
     if family not in _BACKENDS:
         raise ValueError(
-            f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, or a name from `gpureg backends`"
+            f"unknown backend {name!r}: use auto, {', '.join(_BACKENDS)}, all, or a name from `gpureg backends`"
         )
     probe = _probe(family)
     if probe.problem is not None:
@@ -202,38 +203,77 @@ def _make(device: Device, dtype: np.dtype[np.floating]) -> Backend:
     return backend
 
 
-def get(name: str = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
+Chosen = str | Sequence[str]
+"""What `backend` may be: a name, or names of devices."""
+
+
+def get(name: Chosen = "auto", dtype: npt.DTypeLike = np.float32) -> Backend:
     """Return the backend of this name; one object per device and type.
 
     Parameters
     ----------
-    name : str, default "auto"
+    name : str or sequence of str, default "auto"
         "auto", a backend ("numpy", "opencl", "warp") or one of its devices ("opencl:1", "warp:cuda:0"). The
         environment variable GPUREG_BACKEND replaces "auto". Otherwise "auto" is the device of the data, if they are an
-        array on a device (:func:`gpureg.exchange.place`).
+        array on a device (:func:`gpureg.exchange.place`). Of several devices, see :func:`several`, the first.
     dtype : dtype, default float32
         float32 or float64.
 
     Raises
     ------
-    ValueError
-        An unknown name, or another dtype.
+    TypeError, ValueError
+        An unknown name, or something else than a name; another dtype.
     BackendUnavailable
         A backend or device that is not available; the message says what to install, and lists the available ones.
+    """
+    return several(name, dtype)[0]
+
+
+def several(names: Chosen, dtype: npt.DTypeLike = np.float32) -> tuple[Backend, ...]:
+    """Return the backends of these names, one or more, for work that devices can share.
+
+    Parameters
+    ----------
+    names : str or sequence of str, default "auto"
+        A name as for :func:`get`; names in a sequence or joined by commas, a device perhaps twice; or "all": all
+        devices of the kind that "auto" takes, such as all GPUs through CUDA with memory of their own. A CPU counts
+        once, whatever its drivers. GPUREG_BACKEND replaces "auto" and "all".
+    dtype : dtype, default float32
+
+    Raises
+    ------
+    TypeError, ValueError, BackendUnavailable
+        As :func:`get`; no name at all.
     """
     kind = np.dtype(dtype).newbyteorder("=")
     if kind not in (np.float32, np.float64):
         raise ValueError(f"dtype must be float32 or float64, got {kind}")
-    if not isinstance(name, str):
-        raise TypeError(f"backend must be a name, got {type(name).__name__}")
-    forced = _forced() if name == "auto" else ""
-    if forced:
-        try:
-            return _make(_find(forced, kind), kind)
-        except (ValueError, BackendUnavailable) as error:
-            raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
-    if name != "auto":
-        return _make(_find(name, kind), kind)
+    listed = names.split(",") if isinstance(names, str) else names
+    if not isinstance(listed, Sequence) or not listed or not all(isinstance(name, str) for name in listed):
+        raise TypeError(f"backend must be a name, or a list of names of devices, got {names!r}")
+    forced = _forced() if names in ("auto", "all") else ""
+    try:
+        return tuple(one for name in (forced.split(",") if forced else listed) for one in _named(name.strip(), kind))
+    except (ValueError, BackendUnavailable) as error:
+        if not forced:
+            raise
+        raise type(error)(f"{error} (GPUREG_BACKEND={forced})") from None
+
+
+def _named(name: str, kind: np.dtype[Any]) -> list[Backend]:
+    """Return the backends of one name, more than one for "all"."""
+    if name not in ("auto", "all"):
+        return [_make(_find(name, kind), kind)]
     best, failed = _choose(kind, exchange.place())
     failures.chosen(best, kind, failed)
-    return _make(best, kind)
+    return [_make(device, kind) for device in (_alike(best, kind) if name == "all" else [best])]
+
+
+def _alike(first: Device, dtype: npt.DTypeLike) -> list[Device]:
+    """Return the devices that share work with the one that "auto" takes, in their order."""
+    if first.kind == "cpu":
+        return [first]
+    wide = np.dtype(dtype) == np.float64
+    able = [one for one in _probe(first.backend).devices if one.float64 or not wide]
+    able = [one for one in able if one.rank[:2] == first.rank[:2] and failures.why_not(one, dtype) is None]
+    return sorted(able, key=lambda one: one.rank)

@@ -16,6 +16,7 @@ from typing import Literal
 
 from ..graphs.grid import AnyGraph
 from .data import Data
+from .sums import Ratio
 from .types import Array, Conductance, Smoothness, Weighted
 
 # At p = 1, y stays inside the unit ball by this many roundings, the error of a norm on a device.
@@ -41,22 +42,32 @@ class Duality(Data):
     def combine(
         self,
         graph: AnyGraph,
-        a: float,
+        a: float | Ratio,
         x: Array,
-        b: float,
+        b: float | Ratio,
         y: Array,
         *,
         over: float | Array = 1.0,
         out: Array | None = None,
     ) -> Array:
-        """Compute a x + b y / over; the second term is 0 where `over` is infinite. `out` may be x or y."""
+        """Compute a x + b y / over; the second term is 0 where `over` is infinite. `out` may be x or y.
+
+        A term is left out if its coefficient is a :class:`Ratio` that is 0, whatever its function is.
+        """
         out = self._out(graph, self.channels(x), out)
         self._combine(graph, a, x, b, y, over, out)
         return out
 
     @abstractmethod
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None: ...
 
     def copy(self, graph: AnyGraph, x: Array, *, out: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
 from .cells import CellPrimitives
+from .cosines import CosineSolves
 from .duality import Duality
 from .groups import GroupPrimitives
 from .patches import (
@@ -22,7 +23,7 @@ from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_sto
 from .zones import Zones
 
 
-class Backend(Duality, Sums, CellPrimitives, GroupPrimitives, Zones):
+class Backend(CosineSolves, Duality, Sums, CellPrimitives, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters
@@ -260,3 +261,6 @@ class Backend(Duality, Sums, CellPrimitives, GroupPrimitives, Zones):
 
     def finish(self) -> None:
         """Wait until the device has finished all work."""
+
+    def release(self) -> None:
+        """Free memory of the device that is only a cache; for a new try after its memory has run out."""

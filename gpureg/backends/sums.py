@@ -55,6 +55,40 @@ class Number:
     at: int
 
 
+@dataclass(frozen=True, eq=False)
+class Ratio:
+    """A coefficient that the device computes: the quotient of two numbers on it, or 0 if the divisor is not > 0.
+
+    Attributes
+    ----------
+    numbers : Numbers
+    above, below : int
+        The places of the numbers.
+    sign : float
+        A factor.
+    """
+
+    numbers: Numbers
+    above: int
+    below: int
+    sign: float = 1.0
+
+
+def ratios(*coefficients: float | Ratio) -> tuple[Numbers | None, list[float], list[int]]:
+    """Split coefficients into their numbers (None if all are numbers of the host), factors and pairs of places."""
+    numbers, factors, places = None, [], []
+    for x in coefficients:
+        if isinstance(x, Ratio):
+            assert numbers is None or numbers is x.numbers
+            numbers = x.numbers
+            factors.append(x.sign)
+            places += [x.above, x.below]
+        else:
+            factors.append(x)
+            places += [-1, -1]
+    return numbers, factors, places
+
+
 class Sums(Data):
     """The long sums, and the largest difference."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..backends import Array, Backend
+from ..backends import Array, Backend, Chosen
 from ..graphs.grid import GridGraph
 from ..progress import progress_bar
 from .grouped_patches import LARGEST
@@ -94,7 +94,7 @@ def after_passes(
     pilot: npt.NDArray[np.floating],
     inside: npt.NDArray[np.bool_] | None,
     *,
-    backend: str,
+    backend: Chosen,
     dtype: npt.DTypeLike,
     progress: bool = False,
 ) -> npt.NDArray[np.floating]:

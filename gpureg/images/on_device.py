@@ -17,7 +17,7 @@ from ..graphs.grid import GridGraph
 from ..model.memory import budget
 from ..model.problem import as_lam, as_pinned, known_rows, real_type
 from ..model.result import Interrupted, Result, Stop
-from ..regularization.one_sweep import device_step, fits_device
+from ..regularization.one_sweep import device_step, fits_device, one_sweep
 from ..solvers.loop import expect_finite
 from ..weights import Weights
 from .group_passes import after_filter, method_of, suits_passes
@@ -86,8 +86,13 @@ def run_on_device(ready: Prepared, raster: Raster, asked: RunPlan) -> Result | N
     Returns
     -------
     Result or None
-        None if the image does not fit the device as a whole, or if the passes have other units than the sweep: then the
-        sweep is made in tiles, and the passes begin with a result on the host.
+        None if no passes follow and the image does not fit the device as a whole, so that the sweep is made in tiles;
+        or if the passes have other units than the sweep.
+
+    Notes
+    -----
+    Several devices share the sweep in tiles. The passes are made on the first of them, from the function in the units
+    of the frame: so the bits do not depend on the number of tiles.
     """
     plan = ready.plan
     weights = plan.weights
@@ -104,9 +109,11 @@ def run_on_device(ready: Prepared, raster: Raster, asked: RunPlan) -> Result | N
     kind = raster.chosen_type(asked["dtype"])
     if kind is None:
         kind = real_type(frame, cells, plan.units)
-    device, step = backends.get(asked["backend"], kind), step_of(plan)
-    allowed = budget(device, asked["memory"])
-    if not fits_device(step.job(device, grid, raster.channels, scaled, lam), grid, device, allowed):
+    devices, step = backends.several(asked["backend"], kind), step_of(plan)
+    device = devices[0]
+    job = step.job(device, grid, raster.channels, scaled, lam)
+    whole = len(devices) == 1 and fits_device(job, grid, device, budget(device, asked["memory"]))
+    if not whole and not plan.passes:
         return None
     image = _Image(ready, raster, grid, frame, device)
 
@@ -117,19 +124,28 @@ def run_on_device(ready: Prepared, raster: Raster, asked: RunPlan) -> Result | N
             stop=Stop.MAX_ITER,
             eps=eps,
             method=method,
-            backend=repr(device),
+            backend=repr(device) if filtered is None else filtered.backend,
             seconds=0.0,
         )
 
+    filtered, method = None, f"{step.method}."
     with np.errstate(over="ignore", invalid="ignore"):
         data = image.put()
-        f = device_step(device, grid, data, lam=lam, weights=scaled, step=step)
-        if not math.isfinite(device.dot(grid, f, f)):
-            expect_finite(device, 1, math.nan)
+        if whole:
+            f = device_step(device, grid, data, lam=lam, weights=scaled, step=step)
+            if not math.isfinite(device.dot(grid, f, f)):
+                expect_finite(device, 1, math.nan)
+        else:
+            run: dict[str, Any] = {name: asked[name] for name in ("backend", "memory", "progress")}
+            pixels = ready.pixels if grid.mask is None or grid.mask.all() else filled(ready.pixels, grid.mask)
+            filtered = one_sweep(
+                pixels, grid, lam=plan.lam, weights=weights, dtype=kind, step=step, frame=frame, in_frame=True, **run
+            )
+            f, method = device.put(grid, filtered.value.reshape(grid.n_vertices, -1)), filtered.method
     if not plan.passes:
-        return result(f, step.method)
+        return result(f, method)
     try:
         value = after_filter(device, grid, data, f, plan, profile=ready.profile, progress=asked["progress"])
     except KeyboardInterrupt:
-        raise Interrupted(replace(result(f, step.method), stop=Stop.INTERRUPTED)) from None
-    return result(value, method_of(plan, step.method))
+        raise Interrupted(replace(result(f, method), stop=Stop.INTERRUPTED)) from None
+    return result(value, method_of(plan, method))

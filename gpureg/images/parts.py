@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..backends import Backend
+from ..backends import Backend, Chosen
 from ..graphs.grid import GridGraph
 from ..model.memory import Job, process_limit, readable
 from ..model.result import Interrupted, Result
@@ -45,7 +45,7 @@ def tiles_of(
     channels: int,
     *,
     solver: str | Solver,
-    backend: str,
+    backend: Chosen,
     dtype: np.dtype[Any],
     masked: bool,
     memory: int,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
-from ..backends import Backend
+from ..backends import Backend, Chosen
 from ..checks import choice, integer, number
 from ..doors import door
 from ..frame import Frame
@@ -129,7 +129,7 @@ def nearest_patches(
     k: int,
     *,
     symmetrize: Symmetrize = "max",
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
     memory: int | None = None,
     progress: bool = False,

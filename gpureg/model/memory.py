@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import computed_type
-from ..backends import Backend
+from ..backends import Backend, Chosen
 from ..checks import choice, flag, integer, number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
@@ -137,7 +137,7 @@ def memory_needed(
     norm: Norm = "vertex",
     coupled: bool = True,
     stored: bool = True,
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> int:
     """Compute the bytes that a job needs on its device, without using the device.
@@ -186,6 +186,18 @@ def memory_needed(
         stored=stored,
     )
     return job.need(graph, backends.get(backend, computed_type(dtype))).total
+
+
+def budget_of(devices: Sequence[Backend], memory: int | None) -> Budget:
+    """Return what a part of a job may use, on whichever of the devices it is; as :func:`budget` for each.
+
+    A device that is there several times has that many parts at a time.
+    """
+    found = []
+    for device in dict.fromkeys(devices):
+        one, times = budget(device, memory), devices.count(device)
+        found.append(Budget(one.total // times, min(one.largest, one.total // times), one.asked))
+    return Budget(min(one.total for one in found), min(one.largest for one in found), any(one.asked for one in found))
 
 
 def budget(backend: Backend, memory: int | None) -> Budget:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, computed_type
+from ..backends import Chosen
 from ..checks import number
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.on_device import DeviceProblem
@@ -30,7 +31,7 @@ class Settings(TypedDict, total=False):
 
     weights: AnyWeights
     gamma: str | npt.ArrayLike
-    backend: str
+    backend: Chosen
     dtype: npt.DTypeLike | None
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, IntArray, all_finite, unmasked
+from ..backends import Chosen
 from ..backends.zones import LONGEST, Labels, Lengths
 from ..checks import flag, number
 from ..doors import door
@@ -38,7 +39,7 @@ def energy_partition(
     *,
     compactness: float = ...,
     return_energy: Literal[False] = False,
-    backend: str = ...,
+    backend: Chosen = ...,
 ) -> Labels: ...
 @overload
 def energy_partition(
@@ -48,7 +49,7 @@ def energy_partition(
     *,
     compactness: float = ...,
     return_energy: Literal[True],
-    backend: str = ...,
+    backend: Chosen = ...,
 ) -> tuple[Labels, FloatArray]: ...
 @door
 def energy_partition(
@@ -58,7 +59,7 @@ def energy_partition(
     *,
     compactness: float = 0.0,
     return_energy: bool = False,
-    backend: str = "auto",
+    backend: Chosen = "auto",
 ) -> Labels | tuple[Labels, FloatArray]:
     """Label each vertex with the source from which a path with the smallest variation of f leads to it.
 

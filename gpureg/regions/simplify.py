@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import unmasked
+from ..backends import Chosen
 from ..backends.zones import Labels
 from ..checks import choice, integer, number
 from ..doors import door, outside
@@ -190,7 +191,7 @@ def _seen(
     grid: GridGraph,
     given: SourceKind | int | npt.ArrayLike,
     smooth: float | None,
-    backend: str,
+    backend: Chosen,
 ) -> tuple[npt.NDArray[Any], Labels, float]:
     """Return the smoothed image for the partition, its sources, and the standard deviation of the smoothing."""
     if isinstance(given, str):

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray
+from ..backends import Chosen
 from ..backends.zones import Labels
 from ..checks import choice, integer
 from ..doors import door
@@ -25,7 +26,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 @door
-def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: str = "auto") -> Labels:
+def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend: Chosen = "auto") -> Labels:
     """Label the regional extrema of a function: flat zones without a lower neighbour, or without a higher one.
 
     Parameters
@@ -69,7 +70,7 @@ def extrema(f: npt.ArrayLike, graph: GraphLike, *, kind: Kind = "both", backend:
 
 
 @door
-def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: str = "auto") -> Labels:
+def gradient_minima(f: npt.ArrayLike, graph: GraphLike, *, backend: Chosen = "auto") -> Labels:
     """Label the regional minima of the gradient norm of a function.
 
     Parameters

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, computed_type
+from ..backends import Chosen
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.matrices import undirected_edges
 from ..model.on_device import DeviceProblem
@@ -50,7 +51,7 @@ def harmonic(
     *,
     weights: Weights | npt.ArrayLike | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find the minimiser of the model for p = 2 with the known vertices pinned and lam = 0 at the others.

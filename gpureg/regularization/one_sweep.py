@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,17 +13,18 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, all_finite, computed_type
-from ..backends import Array, Backend, Weighted, over_patches
+from ..backends import Array, Backend, Chosen, Weighted, over_patches
 from ..frame import Frame
 from ..graphs.grid import GridGraph
-from ..model.memory import Budget, Job, budget
+from ..model.memory import Budget, Job, budget_of
 from ..model.problem import Problem
 from ..model.result import Result, Stop
 from ..progress import progress_bar
 from ..solvers.loop import expect_finite
 from ..weights import PatchWeights, Weights, patch_weights
 from .regularize import as_given
-from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
+from .sharing import Shared, shares
+from .tiling import Tile, Tiling, blocks_of, halo, need_of, part_problem, tiling, without_halo, work_of
 
 # Bytes per tile of a sweep without stored weights.
 _STEP_BYTES = 1 << 29
@@ -36,60 +37,72 @@ def one_sweep(
     lam: float | npt.ArrayLike,
     weights: Weights | npt.ArrayLike,
     eps: float | None = None,
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
     memory: int | None = None,
     progress: bool = False,
     step: OneStep | None = None,
     frame: Frame | None = None,
+    in_frame: bool = False,
 ) -> Result:
     """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are not stored.
 
     `weights` are bilateral or patch weights. The result has no energy, which would need stored weights. After an
     interruption there is no iterate. `step` describes differences from a sweep of eq. 25; `frame` are the units
-    in which to compute, None to choose them from the data.
+    in which to compute, None to choose them from the data. With `in_frame` the result stays in these units.
     """
     begin = time.perf_counter()
     kind = None if dtype is None else computed_type(dtype)
     problem = Problem.make(f0, graph, lam=lam, weights=weights, eps=eps, dtype=kind, framed=frame or True)
-    device = backends.get(backend, problem.f0.dtype)
-    allowed = budget(device, memory)
+    devices = backends.several(backend, problem.f0.dtype)
     step = OneStep() if step is None else step
-    job = step.job(device, graph, problem.f0.shape[1], problem.weights, problem.lam)
-    tiles = _tiles_of_a_step(graph, job, device, allowed, step.halo(problem), work_of(problem, stored=job.stored))
+    # devices share a step only if all of them do it in the same way
+    devices = tuple(one for one in devices if step.fuses(one, graph) == step.fuses(devices[0], graph))
+    allowed = budget_of(devices, memory)
+    job = step.job(devices[0], graph, problem.f0.shape[1], problem.weights, problem.lam)
+    tiles = _tiles_of_a_step(problem, job, devices, allowed, step.halo(problem))
+    if len(tiles.tiles) == 1:
+        devices = devices[:1]
+    shared: Shared[None] = Shared(devices, tiles, lambda tile: need_of(graph, tile.shape, job, devices))
     with np.errstate(over="ignore", invalid="ignore"), progress_bar(progress, len(tiles.tiles), "tiles") as report:
-        value = step_in_tiles(problem, device, step, tiles, lambda done, of: report(done))
+        value = step_in_tiles(problem, step, shared, lambda done, of: report(done))
+    shared.warn()
     return Result.bare(
-        as_given(problem.back(value), f0, graph),
+        as_given(value if in_frame else problem.back(value), f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
         eps=problem.eps * problem.frame.scale,
-        method=step.method,
-        backend=repr(device),
+        method=f"{step.method}{shared.told}.",
+        backend=shared.names,
         seconds=time.perf_counter() - begin,
     )
 
 
 def _tiles_of_a_step(
-    graph: GridGraph,
-    job: Job,
-    device: Backend,
-    allowed: Budget,
-    halo: tuple[int, ...],
-    work: Callable[[int], float],
+    problem: Problem, job: Job, devices: Sequence[Backend], allowed: Budget, halo: tuple[int, ...]
 ) -> Tiling:
     """Choose small tiles, which cost little because the halo is one window wide, and save memory of the host.
 
     If the window is too large for small tiles, the whole budget is used.
     """
-    need = job.need(graph, device)
+    graph = problem.graph
+    assert isinstance(graph, GridGraph)
+    need = need_of(graph, graph.shape, job, devices)
+    work = work_of(problem, stored=job.stored)
+
+    def within(budget: Budget) -> Tiling:
+        return tiling(graph, job, devices, budget, lambda n: halo, work, 1)
+
+    if len(devices) > 1:
+        found = shares(len(devices), need, Budget(min(allowed.total, _STEP_BYTES), allowed.largest, True), within)
+        if found is not None:
+            return found
     for limit in sorted({min(allowed.total, _STEP_BYTES), allowed.total}):
-        within = Budget(limit, min(allowed.largest, limit), allowed.asked)
-        if within.holds(need):
-            whole = tuple(slice(0, s) for s in graph.shape)
-            return Tiling(1, (Tile(whole, whole),))
+        some = Budget(limit, min(allowed.largest, limit), allowed.asked)
+        if some.holds(need):
+            return Tiling.whole(graph.shape, halo, blocks_of(graph, job, devices))
         try:
-            return tiling(graph, job, device, within, lambda n: halo, work, 1)
+            return within(some)
         except MemoryError:
             if limit == allowed.total:
                 raise
@@ -129,10 +142,10 @@ class OneStep:
 
     @property
     def method(self) -> str:
-        """Describe the step in a sentence."""
+        """Describe the step in a sentence without its stop."""
         alone = self.averaged is None
         how = "its weights computed and not stored" if alone else "each patch estimated as a whole, patches averaged"
-        return f"Gauss-Jacobi (eq. 25), {how}."
+        return f"Gauss-Jacobi (eq. 25), {how}"
 
     def job(
         self,
@@ -154,19 +167,21 @@ class OneStep:
 
 
 def step_in_tiles(
-    problem: Problem, backend: Backend, step: OneStep, tiles: Tiling, report: Callable[[int, int], None]
+    problem: Problem, step: OneStep, shared: Shared[None], report: Callable[[int, int], None]
 ) -> FloatArray:
     """Do one sweep at p = 2 with patch weights, tile by tile, (n, m)."""
     grid = problem.graph
     assert isinstance(grid, GridGraph)
-    value = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
-    for i, tile in enumerate(tiles.tiles):
-        part = part_problem(problem, tile) if len(tiles.tiles) > 1 else problem
-        interior = without_halo(part.graph, _step(part, backend, step), tile)
+    value = np.empty((grid.n_vertices, problem.f0.shape[1]), shared.devices[0].dtype)
+
+    def work(device: Backend, tile: Tile) -> None:
+        part = part_problem(problem, tile) if tile.shape != grid.shape else problem
+        interior = without_halo(part.graph, _step(part, device, step), tile)
         if not all_finite(interior):
-            expect_finite(backend, 1, math.nan)
+            expect_finite(device, 1, math.nan)
         value.reshape(*grid.shape, -1)[tile.own] = interior
-        report(i + 1, len(tiles.tiles))
+
+    shared.run(work, report)
     return value
 
 
@@ -227,7 +242,7 @@ def _per_patch(grid: GridGraph, lam: FloatArray, radius: int) -> FloatArray:
         count: FloatArray = functools.reduce(np.multiply.outer, along).reshape(-1, 1)
     else:
         count = over_patches(grid.mask.astype(np.float64), radius).reshape(-1, 1)
-    if lam.ndim == 0 and math.isfinite(lam):
+    if np.ndim(lam) == 0 and math.isfinite(lam):
         return count * float(lam)
     counted: FloatArray = np.where(np.isinf(lam), lam, np.where(np.isinf(lam), 0, lam) * count)
     return counted

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypedDict
 
 import numpy.typing as npt
 
+from ..backends import Chosen
 from ..solvers import Solver
 from ..solvers.loop import Callback
 
@@ -15,8 +16,9 @@ class Run(TypedDict, total=False):
 
     Attributes
     ----------
-    backend : str, default "auto"
-        "auto", "numpy", "opencl", "warp" or one of their devices.
+    backend : str or sequence of str, default "auto"
+        "auto", "numpy", "opencl", "warp", one of their devices, "all" or several devices: those share the tiles of a
+        job on a grid. Other work, such as passes on groups of patches, is done on the first one.
     dtype : dtype, optional
         Type to compute in, float32 or float64. None: float32, but float64 for images of integers of more than 16 bits.
     memory : int, optional
@@ -27,7 +29,7 @@ class Run(TypedDict, total=False):
         Whether to show a progress bar on the terminal.
     """
 
-    backend: str
+    backend: Chosen
     dtype: npt.DTypeLike | None
     memory: int | None
     callback: Callback | None

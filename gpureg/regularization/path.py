@@ -24,7 +24,7 @@ from ..solvers import resolve, run
 from ..weights import Weights
 from .options import MODEL, Model
 from .regularize import as_run, regularize, result_of
-from .tiled import tiles_of
+from .tiled import Cutting
 
 # Settings of `regularize` that are the same for all runs of a series.
 SETTINGS = frozenset(("weights", "gamma", "coupled", "max_iter", *MODEL)) - {"callback", "progress"}
@@ -86,8 +86,8 @@ class Series:
         if not flag("coupled", self._model["coupled"]) and as_function(self._graph, self._f0, "f0").shape[1] > 1:
             return self._anew(lam, p)
         if self._last is None or self._on is None:
-            allowed = budget(device, self._run["memory"])
-            if tiles_of(problem, device, self._solver, allowed, self._max_iter, self._tol, callback, None) is not None:
+            cutting = Cutting(problem, self._solver, self._max_iter, self._tol, callback)
+            if cutting.tiles([device], budget(device, self._run["memory"])) is not None:
                 return self._anew(lam, p)
             self._solver.accept(problem)
             self._on = DeviceProblem.put(problem, device)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,23 +14,23 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, computed_type
-from ..backends import Backend
+from ..backends import Backend, Chosen
 from ..checks import flag, integer, number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
-from ..model.memory import budget
+from ..model.memory import budget_of
 from ..model.on_device import DeviceProblem
 from ..model.problem import Norm, Problem, as_function, uses_degrees
 from ..model.result import Interrupted, Result, Stop
 from ..model.rounding import rounding_of
 from ..progress import progress_bar
-from ..solvers import Jacobi, Solver, resolve, run
+from ..solvers import Solver, resolve, run
 from ..solvers.loop import Callback, Outcome
 from ..weights import Weights
 from .by_channel import by_channel
-from .tiled import run_in_tiles, tiles_of
+from .tiled import Cutting, run_in_tiles
 from .tiling import Tiling
 
 
@@ -49,7 +51,7 @@ def regularize(
     tol: float | None = None,
     update_weights: int | None = None,
     initial: npt.ArrayLike | None = None,
-    backend: str = "auto",
+    backend: Chosen = "auto",
     dtype: npt.DTypeLike | None = None,
     callback: Callback | None = None,
     progress: bool = False,
@@ -105,8 +107,10 @@ def regularize(
         "certified".
     initial : array, optional
         The initial iterate, in the shape of `f0`. None: `f0`.
-    backend : str, default "auto"
-        "auto", "numpy", "opencl", "warp", or a device such as "opencl:1". GPUREG_BACKEND overrides "auto".
+    backend : str or sequence of str, default "auto"
+        "auto", "numpy", "opencl", "warp", or a device such as "opencl:1". GPUREG_BACKEND overrides "auto". A list of
+        devices, or "all" for all of the best kind, shares a job on a grid that can be cut into tiles; another job, or
+        one whose halos would cost all the gain, runs on the first device.
     dtype : dtype, optional
         Type to compute in, float32 or float64. None: float32, but float64 for data with values so far beyond the others
         (10^18 times their spread) that float32 does not hold their squares.
@@ -203,30 +207,45 @@ def regularize(
     start = None if initial is None else as_function(graph, initial, "initial")
     if start is not None and start.shape != problem.f0.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {np.asarray(initial).shape}")
-    device = backends.get(backend, kind)
+    devices = backends.several(backend, kind)
     threshold = None if tol is None else tol * problem.spread
-    tiles = tiles_of(problem, device, method, budget(device, memory), max_iter, tol, callback, update_weights)
+    cutting = Cutting(problem, method, max_iter, tol, callback, update_weights)
+    tiles = cutting.tiles(devices, budget_of(devices, memory))
     first = problem.f0 if start is None else problem.framed(start)
     # the loop reports overflow with a clear message
     with np.errstate(over="ignore", invalid="ignore"):
-        if tiles is not None:
-            return _in_tiles(
-                problem, device, method, tiles, first, f0, max_iter, threshold, update_weights, progress, begin
-            )
-        with progress_bar(progress, max_iter) as report:
-            on_device = DeviceProblem.put(problem, device)
-            outcome = run(
+        if tiles is None:
+            outcome, said = _whole(cutting, devices[0], first, progress)
+            if outcome is not None:
+                return result_of(outcome, f0, graph, begin)
+            devices[0].release()
+            tiles = cutting.halved(devices[0], said)
+        return _in_tiles(cutting, devices, tiles, first, f0, threshold, progress, begin)
+
+
+def _whole(cutting: Cutting, device: Backend, first: FloatArray, progress: bool) -> tuple[Outcome | None, str]:
+    """Run a job as a whole; None if the device has no memory for it, and what it says."""
+    try:
+        with progress_bar(progress, cutting.max_iter) as report:
+            on_device = DeviceProblem.put(cutting.problem, device)
+            return run(
                 on_device,
-                method,
+                cutting.method,
                 # a new buffer, because the sweeps overwrite it
                 on_device.put_function(first),
-                max_iter=max_iter,
-                tol=tol,
-                callback=callback,
+                max_iter=cutting.max_iter,
+                tol=cutting.tol,
+                callback=cutting.callback,
                 report=report,
-                update_weights=update_weights,
-            )
-    return result_of(outcome, f0, graph, begin)
+                update_weights=cutting.update_weights,
+            ), ""
+    except MemoryError as error:
+        if cutting.callback is not None:
+            raise
+        said = str(error) or type(error).__name__
+    # only now has the error with its frames let go of the arrays; circles of them are found by the collector
+    gc.collect()
+    return None, said
 
 
 def as_run(
@@ -275,31 +294,19 @@ def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, beg
 
 
 def _in_tiles(
-    problem: Problem,
-    device: Backend,
-    method: Solver,
+    cutting: Cutting,
+    devices: Sequence[Backend],
     tiles: Tiling,
     first: FloatArray,
     f0: npt.ArrayLike,
-    max_iter: int,
     threshold: float | None,
-    update_weights: int | None,
     progress: bool,
     begin: float,
 ) -> Result:
-    assert isinstance(method, Jacobi)
-    blocks = -(-max_iter // tiles.sweeps)
+    problem, blocks = cutting.problem, -(-cutting.max_iter // tiles.sweeps)
     with progress_bar(progress, len(tiles.tiles) * blocks, "tiles") as report:
         outcome = run_in_tiles(
-            problem,
-            device,
-            method,
-            tiles,
-            first,
-            max_iter=max_iter,
-            threshold=threshold,
-            update_weights=update_weights,
-            report=lambda done, of: report(done),
+            cutting, devices, tiles, first, threshold=threshold, report=lambda done, of: report(done)
         )
     result = Result.bare(
         as_given(problem.back(outcome.value), f0, problem.graph),
@@ -307,7 +314,7 @@ def _in_tiles(
         stop=outcome.stop,
         eps=problem.eps * problem.frame.scale,
         method=outcome.method,
-        backend=repr(device),
+        backend=outcome.devices,
         seconds=time.perf_counter() - begin,
     )
     if outcome.stop is Stop.INTERRUPTED:

@@ -7,8 +7,9 @@ between blocks the complete iterate is on the host. Weights are computed for eac
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,8 @@ from ..model.result import Stop
 from ..solvers import Jacobi, Solver
 from ..solvers.loop import Callback, expect_finite
 from ..weights import Weights
-from .tiling import Tile, Tiling, halo, part_problem, tiling, without_halo, work_of
+from .sharing import Shared, shares
+from .tiling import Tile, Tiling, halo, need_of, part_problem, tiling, without_halo, work_of
 
 
 def why_whole(
@@ -59,41 +61,101 @@ def why_whole(
     return None
 
 
-def tiles_of(
-    problem: Problem,
-    device: Backend,
-    method: Solver,
-    allowed: Budget,
-    max_iter: int,
-    tol: float | None,
-    callback: Callback | None,
-    update_weights: int | None,
-) -> Tiling | None:
-    """Choose tiles for a job that does not fit into memory; None if it fits."""
-    m = problem.f0.shape[1]
-    job = Job(
-        channels=m,
-        norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
-        weights=problem.weights,
-        directed=not isinstance(problem.gamma, str),
-        per_vertex=problem.lam.ndim > 0,
-        keeps=method.keeps(problem),
-    )
-    need = job.need(problem.graph, device)
-    if allowed.holds(need) or max_iter == 0:
-        return None
-    why = why_whole(problem, method, callback=callback is not None, update_weights=update_weights)
-    if why is not None:
-        if not allowed.asked and need.total <= device.free_memory and need.largest <= device.largest_buffer:
-            return None
-        raise MemoryError(
-            f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
-            f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
+@dataclass(frozen=True)
+class Cutting:
+    """What decides whether a job is cut into tiles, and how.
+
+    Parameters
+    ----------
+    problem : Problem
+    method : Solver
+    max_iter, tol, callback, update_weights
+        As in :func:`gpureg.regularize`.
+    """
+
+    problem: Problem
+    method: Solver
+    max_iter: int
+    tol: float | None
+    callback: Callback | None = None
+    update_weights: int | None = None
+
+    @property
+    def job(self) -> Job:
+        """What decides the memory."""
+        problem, m = self.problem, self.problem.f0.shape[1]
+        return Job(
+            channels=m,
+            norms=0 if problem.p == 2 or problem.norm == "edge" else 1 if problem.coupled else m,
+            weights=problem.weights,
+            directed=not isinstance(problem.gamma, str),
+            per_vertex=problem.lam.ndim > 0,
+            keeps=self.method.keeps(problem),
         )
-    assert isinstance(problem.graph, GridGraph)
-    # a block ends at every check and every update of the weights
-    most = min(max_iter, method.check_every if tol is not None else max_iter, update_weights or max_iter)
-    return tiling(problem.graph, job, device, allowed, lambda n: halo(problem, n), work_of(problem), most)
+
+    @property
+    def why_whole(self) -> str | None:
+        """The reason why the job cannot be cut into tiles, as a clause; None if it can."""
+        given = {"callback": self.callback is not None, "update_weights": self.update_weights}
+        return why_whole(self.problem, self.method, **given)  # type: ignore[arg-type]
+
+    def tiles(self, devices: Sequence[Backend], allowed: Budget) -> Tiling | None:
+        """Choose tiles for a job that does not fit into memory, or that several devices share; otherwise None.
+
+        Raises
+        ------
+        MemoryError
+            The job does not fit, and cannot be cut, or not into tiles that are small enough.
+        """
+        device, job = devices[0], self.job
+        need = job.need(self.problem.graph, device)
+        if self.max_iter == 0:
+            return None
+        if allowed.holds(need):
+            return self._shares(devices, allowed) if len(devices) > 1 else None
+        why = self.why_whole
+        if why is not None:
+            if not allowed.asked and need.total <= device.free_memory and need.largest <= device.largest_buffer:
+                return None
+            raise MemoryError(
+                f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
+                f"array; {readable(allowed.total)} are allowed. It cannot be cut into tiles: {why}"
+            )
+        return self._within(devices, allowed)
+
+    def halved(self, device: Backend, said: str) -> Tiling:
+        """Choose tiles of half the job, for whose whole the memory of the device has run out, which `said` so.
+
+        Raises
+        ------
+        MemoryError
+            The job cannot be cut.
+        """
+        need, why = self.job.need(self.problem.graph, device), self.why_whole
+        if why is not None:
+            raise MemoryError(
+                f"the job needs {readable(need.total)} on {device.device.id}, {readable(need.largest)} of them in one "
+                f"array, and its memory ran out; {readable(device.free_memory)} of {readable(device.device.memory)} "
+                f"are free now ({said}). It cannot be cut into tiles: {why}. End other programs that use the device, "
+                "use float32, or another backend such as 'numpy'"
+            )
+        halves = self._within([device], Budget(need.total // 2, need.largest, True))
+        return replace(halves, full=device.device.id)
+
+    def _within(self, devices: Sequence[Backend], allowed: Budget) -> Tiling:
+        assert isinstance(self.problem.graph, GridGraph)
+        # a block ends at every check and every update of the weights
+        until_check = self.method.check_every if self.tol is not None else self.max_iter
+        most = min(self.max_iter, until_check, self.update_weights or self.max_iter)
+        reach, work = functools.partial(halo, self.problem), work_of(self.problem)
+        return tiling(self.problem.graph, self.job, devices, allowed, reach, work, most)
+
+    def _shares(self, devices: Sequence[Backend], allowed: Budget) -> Tiling | None:
+        """Choose tiles that the devices can share; None if the job cannot be cut, or its halos cost all the gain."""
+        if self.why_whole is not None:
+            return None
+        need = self.job.need(self.problem.graph, devices[0])
+        return shares(len(devices), need, allowed, lambda within: self._within(devices, within))
 
 
 @dataclass
@@ -104,24 +166,25 @@ class TiledOutcome:
     iterations: int
     stop: Stop
     method: str
+    devices: str
 
 
 def run_in_tiles(
-    problem: Problem,
-    backend: Backend,
-    solver: Jacobi,
+    cutting: Cutting,
+    devices: Sequence[Backend],
     tiles: Tiling,
     initial: FloatArray,
     *,
-    max_iter: int,
     threshold: float | None,
-    update_weights: int | None,
     report: Callable[[int, int], None],
 ) -> TiledOutcome:
     """Iterate as ``solvers.run`` from `initial`, (n, m), but tile by tile and without energies.
 
     `report` is called with the number of tiles done and of all tiles. FloatingPointError: values are not finite.
     """
+    problem, max_iter, update_weights = cutting.problem, cutting.max_iter, cutting.update_weights
+    solver, backend = cutting.method, devices[0]
+    assert isinstance(solver, Jacobi)
     grid = problem.graph
     assert isinstance(grid, GridGraph)
     # the damping depends on the whole graph, not on a tile
@@ -137,33 +200,36 @@ def run_in_tiles(
     # after the first block `current` is in the device's variable (DeviceProblem), until the end
     scale: FloatArray | None = None
     reference: FloatArray | None = None
-    done, finished, stop, method = 0, 0, Stop.MAX_ITER, ""
+    done, blocks, finished, stop, method = 0, 0, 0, Stop.MAX_ITER, ""
+
+    scales = np.empty((grid.n_vertices, 1))
+    shared: Shared[float] = Shared(devices, tiles, lambda tile: need_of(grid, tile.shape, cutting.job, devices))
 
     def block(sweeps: int, looks: bool) -> tuple[FloatArray, float]:
-        nonlocal scale, method, finished
         after = np.empty((grid.n_vertices, problem.f0.shape[1]), backend.dtype)
-        change = 0.0
-        for tile in tiles.tiles:
+
+        def work(device: Backend, tile: Tile) -> float:
+            nonlocal scale, method
             part = part_problem(problem, tile)
             start = rows_of(grid, current, tile.wide)
             compared = None if reference is None else rows_of(grid, reference, tile.wide)
-            found = _sweeps(part, backend, solver, start, compared, sweeps, raw=done > 0, looks=looks)
+            found = _sweeps(part, device, solver, start, compared, sweeps, raw=done > 0, looks=looks)
             interior = without_halo(part.graph, found.f, tile)
             if not all_finite(interior):
-                expect_finite(backend, done + sweeps, math.nan)
+                expect_finite(device, done + sweeps, math.nan)
             after.reshape(*grid.shape, -1)[tile.own] = interior
-            if found.scale is not None:
-                if scale is None:
-                    scale = np.empty((grid.n_vertices, 1))
-                scale.reshape(*grid.shape, 1)[tile.own] = without_halo(part.graph, found.scale, tile)
-            if found.previous is not None:
-                change = max(
-                    change, _change(interior, without_halo(part.graph, found.previous, tile), found.scale, part, tile)
-                )
             method = found.method
-            finished += 1
-            report(finished, len(tiles.tiles) * len(plan))
-        return after, change
+            if found.scale is not None:
+                scales.reshape(*grid.shape, 1)[tile.own] = without_halo(part.graph, found.scale, tile)
+                scale = scales
+            if found.previous is None:
+                return 0.0
+            return _change(interior, without_halo(part.graph, found.previous, tile), found.scale, part, tile)
+
+        def told(ready: int, of: int) -> None:
+            report(finished + ready, finished + of * (len(plan) - blocks))
+
+        return after, max(shared.run(work, told))
 
     try:
         for sweeps in plan:
@@ -171,7 +237,8 @@ def run_in_tiles(
                 reference = current
             looks = threshold is not None and ((done + sweeps) % solver.check_every == 0 or done + sweeps == max_iter)
             after, change = block(sweeps, looks)
-            current, done = after, done + sweeps
+            current, done, blocks = after, done + sweeps, blocks + 1
+            finished += len(shared.tiles)
             # as without tiles, the weights must be updated once before the test counts
             anew_once = update_weights is None or done > update_weights
             if threshold is not None and looks and change <= threshold and anew_once:
@@ -183,8 +250,9 @@ def run_in_tiles(
     if scale is not None and done:
         value = (value / scale).astype(value.dtype)
     anew = f", weights computed anew every {update_weights} iteration(s)" if update_weights is not None else ""
-    pieces = f", in {len(tiles.tiles)} tiles and blocks of {tiles.sweeps} sweep(s)"
-    return TiledOutcome(value, done, stop, f"{method or 'Gauss-Jacobi (eq. 25)'}{anew}{pieces}.")
+    pieces = f", in {len(shared.tiles)} tiles and blocks of {tiles.sweeps} sweep(s){shared.told}"
+    shared.warn()
+    return TiledOutcome(value, done, stop, f"{method or 'Gauss-Jacobi (eq. 25)'}{anew}{pieces}.", shared.names)
 
 
 def _in_blocks(ends: list[int], sweeps: int) -> Iterator[int]:

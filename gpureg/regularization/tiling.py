@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,9 @@ from ..weights import Weights, patch_weights
 # the weight of a neighbour computed on the host or on the device, and each row of a patch.
 _BLOCKS = (1, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100)
 _TRANSFER, _HOST_WEIGHT, _WEIGHT, _PATCH_ROW = 40.0, 20.0, 2.0, 1.0
+
+# Share of the cells of a tile that its halves may have, halos included, to be worth a try.
+_WORTH = 0.8
 
 
 @dataclass(frozen=True)
@@ -50,13 +53,68 @@ class Tile:
         """Cells along each axis, with the halo."""
         return tuple(wide.stop - wide.start for wide in self.wide)
 
+    @property
+    def size(self) -> int:
+        """Number of cells, with the halo."""
+        return math.prod(self.shape)
+
+    @classmethod
+    def around(
+        cls, own: tuple[slice, ...], shape: tuple[int, ...], halo: tuple[int, ...], blocks: tuple[int, ...]
+    ) -> Tile:
+        """Make the tile with this interior on a grid.
+
+        With its halo it begins at a multiple of the block size of each axis, because devices sum in blocks of cells.
+        """
+        wide = tuple(
+            slice(max(0, s.start - wider) // block * block, min(length, s.stop + wider))
+            for s, length, wider, block in zip(own, shape, halo, blocks, strict=True)
+        )
+        return cls(own, wide)
+
 
 @dataclass(frozen=True)
 class Tiling:
-    """The tiles of a job, and the number of sweeps per block."""
+    """The tiles of a job, and the number of sweeps per block.
+
+    Attributes
+    ----------
+    sweeps : int
+    tiles : tuple of Tile
+    shape : tuple of int
+        Cells of the grid along each axis.
+    halo : tuple of int
+        Cells of a halo along each axis, on each side.
+    blocks : tuple of int
+        A tile begins at multiples of these.
+    full : str, default ""
+        Name of the device whose memory ran out for the whole grid.
+    """
 
     sweeps: int
     tiles: tuple[Tile, ...]
+    shape: tuple[int, ...]
+    halo: tuple[int, ...]
+    blocks: tuple[int, ...]
+    full: str = ""
+
+    @classmethod
+    def whole(cls, shape: tuple[int, ...], halo: tuple[int, ...], blocks: tuple[int, ...]) -> Tiling:
+        """Make one tile of a whole grid, for one sweep; `halo` and `blocks` serve its halves."""
+        everything = tuple(slice(0, size) for size in shape)
+        return cls(1, (Tile(everything, everything),), shape, halo, blocks)
+
+    def halves(self, tile: Tile) -> tuple[Tile, ...]:
+        """Cut a tile into two with as few cells as possible; none if even these have most of its cells."""
+        found: list[tuple[Tile, ...]] = []
+        for axis, own in enumerate(tile.own):
+            middle = (own.start + own.stop) // 2
+            if own.start < middle:
+                ends = (slice(own.start, middle), slice(middle, own.stop))
+                parts = [(*tile.own[:axis], end, *tile.own[axis + 1 :]) for end in ends]
+                found.append(tuple(Tile.around(part, self.shape, self.halo, self.blocks) for part in parts))
+        best = min(found, key=lambda halves: max(half.size for half in halves), default=())
+        return best if best and max(half.size for half in best) <= _WORTH * tile.size else ()
 
     @property
     def waste(self) -> float:
@@ -79,27 +137,19 @@ def halo(problem: Problem, sweeps: int) -> tuple[int, ...]:
 def cut(
     shape: tuple[int, ...], sizes: tuple[int, ...], halo: tuple[int, ...], blocks: tuple[int, ...]
 ) -> tuple[Tile, ...]:
-    """Cut a grid into tiles of at most these sizes, as equal as possible.
-
-    With its halo a tile begins at a multiple of the block size of each axis, because devices sum in blocks of cells.
-    """
+    """Cut a grid into tiles of at most these sizes, as equal as possible."""
     axes = []
-    for length, size, wider, block in zip(shape, sizes, halo, blocks, strict=True):
+    for length, size in zip(shape, sizes, strict=True):
         count = -(-length // size)
         ends = [length * i // count for i in range(count + 1)]
-        axes.append(
-            [
-                (slice(a, b), slice(max(0, a - wider) // block * block, min(length, b + wider)))
-                for a, b in itertools.pairwise(ends)
-            ]
-        )
-    return tuple(Tile(tuple(o for o, _ in each), tuple(w for _, w in each)) for each in itertools.product(*axes))
+        axes.append([slice(a, b) for a, b in itertools.pairwise(ends)])
+    return tuple(Tile.around(own, shape, halo, blocks) for own in itertools.product(*axes))
 
 
 def tiling(
     grid: GridGraph,
     job: Job,
-    backend: Backend,
+    devices: Sequence[Backend],
     budget: Budget,
     halo: Callable[[int], tuple[int, ...]],
     work: Callable[[int], float],
@@ -107,14 +157,15 @@ def tiling(
 ) -> Tiling:
     """Choose the cheapest tiles with at most `most` sweeps per block; `work` is the work per vertex of n sweeps.
 
-    Tiles are bands of rows along the first axis; if these do not fit, they are cut along the second axis too.
+    Each device can do each tile. Tiles are bands of rows along the first axis; if these do not fit, they are cut along
+    the second axis too.
 
     Raises
     ------
     MemoryError
         Even a small tile does not fit.
     """
-    blocks = (1,) * grid.ndim if job.stored else _blocks(grid.ndim, backend)
+    blocks = blocks_of(grid, job, devices)
     best: tuple[float, Tiling] | None = None
     least = Need(2**62, 2**62)
     for sweeps in [n for n in _BLOCKS if n <= max(most, 1)]:
@@ -125,11 +176,12 @@ def tiling(
             if grid.ndim > 1:
                 sizes[1] = -(-grid.shape[1] // pieces)
             beside = min(grid.shape[1], sizes[1] + 2 * wider[1] + blocks[1] - 1) if grid.ndim > 1 else 0
-            rows, need = _rows(grid, beside, job, backend, budget)
+            rows, need = _rows(grid, beside, job, devices, budget)
             least = min(least, need, key=lambda need: need.total)
             own = min(grid.shape[0], rows if rows >= grid.shape[0] else rows - 2 * wider[0] - blocks[0] + 1)
             if own >= 1:
-                found = Tiling(sweeps, cut(grid.shape, (own, *sizes[1:]), wider, blocks))
+                parts = cut(grid.shape, (own, *sizes[1:]), wider, blocks)
+                found = Tiling(sweeps, parts, grid.shape, wider, blocks)
                 cost = found.waste * work(sweeps) / sweeps
                 if best is None or cost < best[0]:
                     best = cost, found
@@ -145,18 +197,25 @@ def tiling(
     return best[1]
 
 
-def _blocks(ndim: int, backend: Backend) -> tuple[int, ...]:
+def blocks_of(grid: GridGraph, job: Job, devices: Sequence[Backend]) -> tuple[int, ...]:
     """Return the block sizes along each axis: a step without stored weights may begin at multiples of them."""
-    return tuple((*[1] * ndim, backend.row_block, backend.column_block)[-ndim:])
+    sides = [math.lcm(*(one.row_block for one in devices)), math.lcm(*(one.column_block for one in devices))]
+    return tuple((*[1] * grid.ndim, *([1, 1] if job.stored else sides))[-grid.ndim :])
 
 
-def _rows(grid: GridGraph, beside: int, job: Job, backend: Backend, budget: Budget) -> tuple[int, Need]:
+def need_of(grid: GridGraph, shape: tuple[int, ...], job: Job, devices: Sequence[Backend]) -> Need:
+    """Return the memory that a job needs on a part of a grid, on any of the devices."""
+    mask = None if grid.mask is None else np.ones(shape, bool)
+    part = GridGraph(shape, grid.radius, grid.metric, spacing=grid.spacing, mask=mask)
+    needs = [job.need(part, device) for device in dict.fromkeys(devices)]
+    return Need(max(need.total for need in needs), max(need.largest for need in needs))
+
+
+def _rows(grid: GridGraph, beside: int, job: Job, devices: Sequence[Backend], budget: Budget) -> tuple[int, Need]:
     """Return the largest number of rows of tiles of this width that fit, and the memory that one row needs."""
 
     def need(rows: int) -> Need:
-        shape = (rows, *((beside, *grid.shape[2:]) if grid.ndim > 1 else ()))
-        mask = None if grid.mask is None else np.ones(shape, bool)
-        return job.need(GridGraph(shape, grid.radius, grid.metric, spacing=grid.spacing, mask=mask), backend)
+        return need_of(grid, (rows, *((beside, *grid.shape[2:]) if grid.ndim > 1 else ())), job, devices)
 
     least = need(1)
     low, high = 0, grid.shape[0] + 1  # the result is in low..high - 1

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..backends import Array
+from ..backends import Array, Backend, Cosines, Numbers, Ratio, Recorded, in_turns
 from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
-from .loop import Course, Solver
+from .loop import Course, Solver, changed
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class _State:
     residual: Array
     direction: Array
     scratch: Array
-    rz: float  # residual . preconditioned residual of the previous step; 0 before the first
+    numbers: Numbers  # residual . preconditioned residual of two steps, and the curvature along the direction
+    turns: tuple[Recorded, Recorded]  # the next step, and the one after it
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,13 @@ class _Diagonal:
 
     values: Array
     name: ClassVar[str] = "its diagonal"
+    on_device: ClassVar[bool] = True
 
-    def solve(self, problem: DeviceProblem, r: Array) -> tuple[Array, float | Array]:
-        """Return the numerator, (n, m), and the denominator of r / diagonal: the backends do the division."""
+    def solve(self, backend: Backend, r: Array) -> None:
+        """Do nothing: the backends divide by the diagonal where they need the solution for the residual."""
+
+    def of_residual(self, r: Array) -> tuple[Array, float | Array]:
+        """Return the numerator, (n, m), and the denominator of r / diagonal."""
         return r, self.values
 
 
@@ -51,28 +56,33 @@ class _Cosines:
     It is the matrix of the grid if all neighbours lie along the axes; otherwise it has additional edges at the border.
     """
 
-    eigenvalues: FloatArray
+    matrix: Cosines
+    solved: Array
     name: ClassVar[str] = "cosine transforms"
 
+    @property
+    def on_device(self) -> bool:
+        """Whether the device does the transforms, and reads nothing back."""
+        return self.matrix.place is not None
+
+    def solve(self, backend: Backend, r: Array) -> None:
+        """Write the solution for the residual r, (n, m), to ``solved``."""
+        backend.cosine_solve(self.matrix, r, out=self.solved)
+
     @classmethod
-    def of(cls, graph: GridGraph, lam: float) -> _Cosines:
+    def of(cls, problem: DeviceProblem, graph: GridGraph, lam: float) -> _Cosines:
         """Compute the eigenvalues for w = 1: lam + 4 sum_d (1 - prod_a cos(pi i_a d_a / n_a)), d forward offsets."""
         total: FloatArray = np.full((*graph.shape, 1), lam)
         steps, counts = np.unique(np.abs(graph.forward_offsets), axis=0, return_counts=True)
         for step, count in zip(steps, counts, strict=True):
             waves = [np.cos(np.pi * int(d) / n * np.arange(n)) for d, n in zip(step, graph.shape, strict=True)]
             total += 4 * count * (1 - functools.reduce(np.multiply.outer, waves)[..., None])
-        return cls(total)
+        backend, m = problem.backend, problem.channels
+        return cls(backend.cosines(graph, total, m), backend.empty(graph, m))
 
-    def solve(self, problem: DeviceProblem, r: Array) -> tuple[Array, float | Array]:
-        """Solve by DCT-II on the host; return the solution, (n, m), and 1."""
-        from scipy import fft
-
-        backend, graph, shape = problem.backend, problem.weighted.graph, self.eigenvalues.shape
-        axes = tuple(range(len(shape) - 1))
-        waves = fft.dctn(backend.get(graph, r).astype(np.float64).reshape(*shape[:-1], -1), axes=axes)
-        solved = fft.idctn(waves / self.eigenvalues, axes=axes)
-        return backend.put(graph, solved.reshape(graph.n_vertices, -1)), 1.0
+    def of_residual(self, r: Array) -> tuple[Array, float | Array]:
+        """Return where the solution for the residual is, (n, m), and 1."""
+        return self.solved, 1.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ class _System:
             lam = 2 * lam if isinstance(lam, float) else backend.put(graph, 2 * backend.get(graph, lam))
         if _repeats(problem):
             assert isinstance(graph, GridGraph) and isinstance(lam, float)
-            return cls(lam, _Cosines.of(graph, lam), share)
+            return cls(lam, _Cosines.of(problem, graph, lam), share)
         degree = backend.get(graph, backend.degree(problem.weighted)).astype(np.float64)
         fidelity = lam if isinstance(lam, float) else backend.get(graph, lam).astype(np.float64)
         return cls(lam, _Diagonal(backend.put(graph, fidelity + 2 * degree)), share)
@@ -115,29 +125,41 @@ class Linear(Solver[_State]):
     patience = 50
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """Return the memory needed: start, residual, direction, preconditioner, its output, and scratch memory."""
-        return 6, 0
+        """Return the memory needed: start, residual, direction, preconditioner with its output, and scratch memory.
+
+        Cosine transforms on a GPU have a work space of two more.
+        """
+        return (8 if isinstance(problem.graph, GridGraph) else 6), 0
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """Return the state before the first step, from `initial`, (n, m)."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
         f, previous, residual, direction, scratch = (backend.empty(graph, m) for _ in range(5))
-        backend.copy(problem.weighted.graph, initial, out=f)
-        return _begun(problem, _State(f, previous, _System.of(problem), residual, direction, scratch, 0.0))
+        backend.copy(graph, initial, out=f)
+        system, numbers = _System.of(problem), backend.numbers(3)
+
+        def step(backend: Backend, here: tuple[Array, int], there: tuple[Array, int]) -> None:
+            """Do a step from f and its number to the other ones."""
+            new, old, curvature = there[1], here[1], 2
+            if system.preconditioner.on_device:
+                system.preconditioner.solve(backend, residual)
+            z, over = system.preconditioner.of_residual(residual)
+            backend.dot_into(numbers[new], graph, residual, z, over=over)
+            backend.combine(graph, Ratio(numbers, new, old), direction, 1.0, z, over=over, out=direction)
+            backend.gradient(problem.weighted, direction, None, None, system.lam, out=scratch)
+            backend.dot_into(numbers[curvature], graph, direction, scratch)
+            backend.combine(graph, Ratio(numbers, new, curvature), direction, 1.0, here[0], out=there[0])
+            backend.combine(graph, Ratio(numbers, new, curvature, -1.0), scratch, 1.0, residual, out=residual)
+
+        turns = in_turns(backend, step, (f, 0), (previous, 1))
+        return _begun(problem, _State(f, previous, system, residual, direction, scratch, numbers, turns))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one step of conjugate gradients."""
-        backend, weighted, system = problem.backend, problem.weighted, state.system
-        z, over = system.preconditioner.solve(problem, state.residual)
-        rz = backend.dot(weighted.graph, state.residual, z, over=over)
-        beta = rz / state.rz if state.rz > 0 else 0.0
-        backend.combine(weighted.graph, beta, state.direction, 1.0, z, over=over, out=state.direction)
-        backend.gradient(weighted, state.direction, None, None, system.lam, out=state.scratch)
-        curvature = backend.dot(weighted.graph, state.direction, state.scratch)
-        alpha = rz / curvature if curvature > 0 else 0.0
-        backend.combine(weighted.graph, 1.0, state.f, alpha, state.direction, out=state.previous)
-        backend.combine(weighted.graph, 1.0, state.residual, -alpha, state.scratch, out=state.residual)
-        return replace(state, f=state.previous, previous=state.f, rz=rz)
+        if not state.system.preconditioner.on_device:
+            state.system.preconditioner.solve(problem.backend, state.residual)
+        state.turns[0]()
+        return changed(state, f=state.previous, previous=state.f, turns=state.turns[::-1])
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
         """Compute the gap from the true residual; restart if it differs from that of the recursion."""
@@ -157,10 +179,13 @@ class Linear(Solver[_State]):
 
 
 def _begun(problem: DeviceProblem, state: _State) -> _State:
-    """Restart the recursion from the true residual of f."""
+    """Restart the recursion from the true residual of f: the first direction is the preconditioned residual."""
+    backend, graph, direction = problem.backend, problem.weighted.graph, state.direction
     state.system.residual(problem, state.f, state.residual)
-    problem.backend.combine(problem.weighted.graph, 0.0, state.residual, 0.0, state.residual, out=state.direction)
-    return replace(state, rz=0.0)
+    backend.combine(graph, 0.0, state.residual, 0.0, state.residual, out=direction)
+    for at in (0, 1):
+        backend.dot_into(state.numbers[at], graph, direction, direction)
+    return state
 
 
 def _repeats(problem: DeviceProblem) -> bool:

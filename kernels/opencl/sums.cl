@@ -35,6 +35,8 @@ static inline long_sum both_sums(long_sum a, const long_sum b)
     a.sum += b.sum;
     return a;
 }
+static inline double sum_value(const long_sum s) { return s.sum; }
+typedef double sum_t;
 #else
 typedef struct {
     float sum, lost;
@@ -59,6 +61,8 @@ static inline long_sum both_sums(long_sum a, const long_sum b)
     a.lost += b.lost;
     return a;
 }
+static inline float sum_value(const long_sum s) { return s.sum + s.lost; }
+typedef float sum_t;
 #endif
 
 static inline long_sum sum_add_pack(long_sum s, const realN x)

@@ -13,6 +13,9 @@ LANES = 32
 """Threads of a work item on a GPU."""
 
 _COMMON = """
+#ifndef __CUDA_ARCH__
+#pragma clang fp contract(fast)  // not Warp's default
+#endif
     enum { N = %(N)d, LANES = %(lanes)d };
     typedef %(T)s T;
     const unsigned before = (1u << lane) - 1u;  // the lanes before this one, as bits

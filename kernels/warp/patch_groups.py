@@ -1,7 +1,7 @@
 """The members of the group of each reference u: the patches of a window that are most like that of u    (section 5.2)
 
   d(u, v) = sum_j |g(u + j) - g(v + j)|^2 over the cells j of a patch, and all channels
-  t = max(n-th smallest d(u, v) over the window, limits(u)),   members: d(u, v) <= t
+  t = max(n-th smallest d(u, v) over the window, limit level(u)),   members: d(u, v) <= t
 
 Of K > most members, in row-major order, those of rank i with floor((i + 1) most/K) > floor(i most/K) remain.
 
@@ -79,7 +79,8 @@ _FIND = """
             if (found == s.nearest)
                 break;
         }
-    T limit = number(high) > s.limits.data[r] ? number(high) : s.limits.data[r];
+    const T alike = s.level.data ? s.limit * s.level.data[centre] : s.limit;
+    T limit = number(high) > alike ? number(high) : alike;
     limit = limit < number(largest) ? limit : number(largest);
 
     const int K = count(limit);
@@ -117,7 +118,8 @@ def struct(real):
         inside: wp.array(dtype=real)  # one plane: 1 on the grid and in its mask, 0 elsewhere
         live: wp.array(dtype=wp.int32)  # (padded rows,): 0 where a row is outside
         centres: wp.array(dtype=wp.int32)  # (n_references,): the cells of the references in a plane
-        limits: wp.array(dtype=real)  # (n_references,)
+        limit: real  # largest distance of patches that belong to a group
+        level: wp.array(dtype=real)  # its factor, a plane as `inside`; empty: 1
         lines: wp.array(dtype=wp.int32)  # lines of the window: steps in padded rows
         width: wp.int32  # cells of such a line
         patch: wp.array(dtype=wp.int32)  # (M,): steps to the cells of a patch

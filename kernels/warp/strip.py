@@ -82,6 +82,9 @@ _EXP_SCALAR = """
 """
 
 _STRIP = """
+#ifndef __CUDA_ARCH__
+#pragma clang fp contract(fast)  // not Warp's default
+#endif
     enum { N = %(N)d, S = %(S)d, B = %(B)d, Q = %(Q)d, D = %(D)d, R = %(R)d, A = %(A)d };
     enum { FLAT = %(flat)d, MAPS = %(maps)d };
     enum { DOWN = D > 1 ? R : 0, SIDE = 2 * R + 1 };  // radius of a patch across the rows; its side
@@ -161,44 +164,12 @@ _STRIP = """
                         to[y * WIDE + pack] = squares(at);
                     continue;
                 }
-                // the last rows of squares, and of their sums; the compiler turns the shifts into renamed registers
-                V row[SIDE], two[SIDE], four[SIDE];
-                WP_GPUREG_UNROLL
-                for (int i = 0; i < SIDE; ++i)
-                    row[i] = two[i] = four[i] = V{};
+                // the last rows of squares, and of their sums
+                %(declare)s
                 for (int y = first - 2 * R; y < last; ++y, at += p.pitch) {
-                    WP_GPUREG_UNROLL
-                    for (int i = SIDE - 1; i > 0; --i) {
-                        row[i] = row[i - 1];
-                        if (FLAT && R <= 5) {
-                            two[i] = two[i - 1];
-                            four[i] = four[i - 1];
-                        }
-                    }
-                    row[0] = squares(at);
-                    if (FLAT && R <= 5) {
-                        two[0] = row[0] + row[SIDE > 1 ? 1 : 0];
-                        four[0] = two[0] + two[SIDE > 2 ? 2 : 0];
-                    }
-                    if (y < first)
-                        continue;
-                    V sum;
-                    if (FLAT && R <= 5) {
-                        // sums of the longest runs first: 8, 4, 2 and 1 rows
-                        enum { F8 = SIDE / 8 * 8, F4 = SIDE / 4 * 4, F2 = SIDE / 2 * 2 };
-                        sum = F8 ? four[0] + four[F8 ? 4 : 0] : F4 ? four[0] : two[0];
-                        if (F8 && F4 > F8)
-                            sum += four[F4 > F8 ? F8 : 0];
-                        if (F4 && F2 > F4)
-                            sum += two[F2 > F4 ? F4 : 0];
-                        sum += row[F2 < SIDE ? F2 : 0];
-                    } else {
-                        sum = profile[0] * row[SIDE - 1];
-                        WP_GPUREG_UNROLL
-                        for (int i = 1; i < SIDE; ++i)
-                            sum += profile[i] * row[SIDE - 1 - i];
-                    }
-                    to[y * WIDE + pack] = sum;
+                    %(shift)s
+                    if (y >= first)
+                        to[y * WIDE + pack] = %(sum)s;
                 }
             }
         };
@@ -286,6 +257,27 @@ _STRIP = """
 """
 
 
+def _last_rows(R, flat):
+    """Return C++ that declares the last 2 R + 1 rows of squares, takes another one, and the sum of all.
+
+    A name for each row: of an array, clang would move the elements in memory.
+    """
+    side, half = 2 * R + 1, (1, 2, 4, 8)
+    runs = []  # of a flat patch: first row of each run, and its length, the longest first
+    for length in half[::-1] if flat else (1,):
+        while side - sum(n for _, n in runs) >= length:
+            runs.append((sum(n for _, n in runs), length))
+    names = {n: name for n, name in zip(half, ("row", "two", "four", "eight"), strict=True) if n <= runs[0][1]}
+    declare = " ".join(f"V {', '.join(f'{name}{i} = V{{}}' for i in range(side))};" for name in names.values())
+    shift = " ".join(f"{name}{i} = {name}{i - 1};" for name in names.values() for i in range(side - 1, 0, -1))
+    shift += " row0 = squares(at);"
+    shift += "".join(f" {names[n]}0 = {names[n // 2]}0 + {names[n // 2]}{n // 2};" for n in names if n > 1)
+    if flat:
+        return declare, shift, " + ".join(f"{names[n]}{at}" for at, n in runs)
+    # a row's weight is that of its place in the patch
+    return declare, shift, " + ".join(f"profile[{i}] * row{side - 1 - i}" for i in range(side))
+
+
 @functools.cache
 def struct(real):
     """Make the struct with the padded function, the window and the patch."""
@@ -321,8 +313,12 @@ def source(real, form, *, begin="", body, end=""):
     """
     double, names = real == wp.float64, ("D", "Q", "R", "A", "flat", "maps", "N", "S", "B")
     found = {name: int(value) for name, value in zip(names, form, strict=True)}
+    declare, shift, total = _last_rows(found["R"], found["flat"])
     return _STRIP % {
         **found,
+        "declare": declare,
+        "shift": shift,
+        "sum": total,
         "T": "double" if double else "float",
         "pack": _PACK if found["N"] > 1 else _SCALAR,
         "exp": _EXP_SCALAR if found["N"] == 1 else _EXP_LANES if double else _EXP_FLOAT,

@@ -62,6 +62,7 @@ def test_the_oracle_is_the_equation(name):
     check_the_equation(oracle(), name)
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize("name", ["grid", "row", "volume"])
 def test_as_a_gpu_takes_it(monkeypatch, device, name):
     check(as_gpu(device, "float32", monkeypatch), ROWS["aggregate"], problem(Kind(cases.Setup(name))))
@@ -77,6 +78,7 @@ def test_the_largest_weight_on_a_stored_graph(device, name):
     np.testing.assert_array_equal(largest[:, 0], expected)
 
 
+@pytest.mark.one_driver
 def test_half_weights_are_averaged_too(device):
     backend, grid = backends.get(device), cases.graph("grid")
     if "half" not in backend.storages:
@@ -93,10 +95,10 @@ def test_half_weights_are_averaged_too(device):
     assert (half != full).any()
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(("channels", "radius"), [(1, 1), (3, 1), (1, 2)])
-@pytest.mark.parametrize("gpu", [False, True])
-@pytest.mark.parametrize("lam", [0.0, 1.5])
+@pytest.mark.parametrize(("gpu", "lam"), [(False, 0.0), (False, 1.5), (True, 1.5)])
 def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, radius, masked, gpu, lam):
     """The step whose weights are sums over patches: what `aggregate` gives with shares of 1, divided by its own sum.
 

@@ -78,6 +78,7 @@ def test_long_sums_without_float64(setup):
     check(backend, ROWS["energy"], problem(Kind(setup)))
 
 
+@pytest.mark.one_driver
 @every_setup
 def test_sweeps_in_a_row(device, setup, dtype):
     """A kernel's output is another one's input: what it leaves in padding must do no harm.

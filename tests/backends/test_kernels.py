@@ -19,6 +19,7 @@ GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
 INCLUDES = {
+    "cosine_solve": ("reals.cl",),
     "blur": ("grid.cl", "reflected.cl", "reals.cl"),
     "cells": ("reals.cl",),
     "aggregate": ("grid.cl", "reals.cl"),
@@ -47,6 +48,7 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "blur",
         "cells",
         "combine",
+        "cosine_solve",
         "degree",
         "difference",
         "dot",
@@ -132,8 +134,14 @@ def test_includes_are_put_in_place(primitive):
     assert lines[at + 1 :] == own[number - 1 :]
 
 
-@pytest.mark.parametrize("options", [[], ["-DGRID"], ["-DINDEX=long"]], ids=["csr", "grid", "csr of 2^31 vertices"])
-@pytest.mark.parametrize("primitive", PRIMITIVES)
+@pytest.mark.parametrize(
+    ("primitive", "options"),
+    [
+        *((name, options) for name in PRIMITIVES for options in ([], ["-DGRID"])),
+        # of 2^31 vertices and more
+        *((name, ["-DINDEX=long"]) for name in ("energy", "gradient", "influence_zones", "jacobi_step")),
+    ],
+)
 def test_a_kernel_compiles_alone(primitive, options):
     """With no option but the kind of graph: what a person types into an offline compiler."""
     if "opencl" in backends.absent():

@@ -52,7 +52,7 @@ OPENCL = [
     (Mutation("adjoint", "adjoint", "OWN *", "PULL *"), FORM),
     (Mutation("euler_step", "euler_step", "lam * (data - here[c])", "lam * (data + here[c])"), FORM),
     (Mutation("dot", "dot", "USED(OVER_OF(product, c))", "USED(product)"), BALL),
-    (Mutation("combine", "combine", "+ b * OVER_OF", "- b * OVER_OF"), BALL),
+    (Mutation("combine", "combine", "+ TERM(b, OVER_OF", "- TERM(b, OVER_OF"), BALL),
     (Mutation("dual_step", "dual_step", "sigma * DERIVED(d)", "sigma * d"), BALL),
     (Mutation("dual_step", "prox", "SHARE * g * t - r", "SHARE * g * t"), NEWTON),
     (Mutation("duality_gap", "duality_gap", "derivative[c] + eps * eps, p / 2", "derivative[c], p / 2"), SMOOTH_BALL),

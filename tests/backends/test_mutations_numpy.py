@@ -52,7 +52,7 @@ MUTATIONS = [
     (Mutation("energy", "energy_into", "p / 2).sum() / p", "p / 2).sum()"), P_LAPLACIAN),
     (Mutation("sweep", "sweep", "theta=theta", "theta=1.0"), SWEEP),
     (Mutation("dot", "dot_into", "products / np.asarray(over, np.float64)", "products"), dual("test_dot", "number")),
-    (Mutation("combine", "_combine", "+ self.real(b)", "- self.real(b)"), dual("test_combine", "number", None)),
+    (Mutation("combine", "_combine", "+ self._term(b", "- self._term(b"), dual("test_combine", "number", None)),
     (Mutation("gradient", "_gradient", "pull - self", "pull + self"), dual("test_gradient", False, 1.5, 0.125)),
     (
         Mutation("prox", "duality:step_length", "r.dtype.type(sigma) * t", "t"),

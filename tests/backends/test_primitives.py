@@ -110,12 +110,37 @@ FAMILIES = [
 # each once, where families meet
 PAIRS = list(dict.fromkeys((kind, name) for kinds, names in FAMILIES for kind in kinds for name in names))
 
+# What every driver of a backend builds: each kernel on a grid, a volume and a stored graph, in both types. The others
+# are on the first: a driver takes a minute for all of them.
+EVERY_DRIVER = {
+    *(Kind(s, t) for t in ("float32", "float64") for s in cases.SETUPS if s.wide),
+    *(Kind(s) for s in cases.LONG),
+    *(Kind(s, directed=True) for s, t in FORMS[:1]),
+    *(Kind(s, t, directed=True, edge_norm=True) for s, t in FORMS[3:4]),
+    *(Kind(s, t, directed) for s, t, directed in ((*FORMS[0], False), (*FORMS[3], True))),
+    *(kind for kind in DUAL if kind.setup.graph == "volume" or (kind.setup.graph == "csr" and kind.edge_norm)),
+    *(kind for kind in AVERAGED if kind.setup.graph in ("grid", "masked")),
+    *STORED,
+    *ZONES,
+    *(PatchKind(case) for case in PATCHES if case.wide),
+    *STEPS[:3],
+}
+
 
 def test_every_primitive_has_its_problems():
     assert {name for _, name in PAIRS} == set(ROWS)
 
 
-@pytest.mark.parametrize(("kind", "name"), PAIRS, ids=[f"{name}-{kind.id}" for kind, name in PAIRS])
+def pair(kind, name):
+    marks = () if kind in EVERY_DRIVER else pytest.mark.one_driver
+    return pytest.param(kind, name, marks=marks, id=f"{name}-{kind.id}")
+
+
+def test_every_primitive_is_on_every_driver():
+    assert {name for kind, name in PAIRS if kind in EVERY_DRIVER} == set(ROWS)
+
+
+@pytest.mark.parametrize(("kind", "name"), [pair(*each) for each in PAIRS])
 def test_primitive(device, kind, name):
     """Within the bound, the same bits on a second run, and nothing written outside of an array."""
     check(on(device, kind.dtype), ROWS[name], kind.make())

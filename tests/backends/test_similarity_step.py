@@ -31,11 +31,13 @@ LARGEST = (
 )
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize("kind", NARROW, ids=lambda kind: kind.id)
 def test_as_a_gpu_takes_it(monkeypatch, device, kind):
     check(as_gpu(device, kind.dtype, monkeypatch), ROWS["similarity_step"], kind.make())
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize(("case", "lam"), LARGEST, ids=lambda x: getattr(x, "id", x))
 def test_lam_in_units_of_the_largest_weight(device, case, lam):
     """The composition of the primitives, on the same device: sums in another order, of at most 120 positive terms."""

@@ -19,6 +19,9 @@ OTHERS = {
     *("patch_groups", "get_groups", "group_step"),
     *("put", "get", "empty", "put_edges", "get_edges", "empty_edges", "channels"),
     *("prepare", "prepare_gamma", "get_weights", "conductances", "copy", "finish"),
+    *("numbers", "read", "max_change_into", "dot_into", "energy_into", "duality_gap_into"),  # test_sums.py
+    *("cosines", "cosine_solve", "overwrite", "record"),  # test_cosines.py, test_recorded.py
+    *("on_device", "on_host", "put_cells", "get_cells", "blur", "mix"),  # cells, not functions on a graph
 }
 
 

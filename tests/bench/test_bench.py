@@ -12,7 +12,8 @@ from bench.model import Setup
 from bench.run import Run
 from gpureg import backends
 
-DEVICES = [device.id for device in backends.devices()]
+# the first of each backend
+DEVICES = list({device.backend: device.id for device in reversed(backends.devices())}.values())[::-1]
 
 
 @pytest.mark.parametrize("names", bench_cases.CASES, ids=lambda names: names[0])

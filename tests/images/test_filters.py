@@ -15,8 +15,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import gpureg as gr
 
-pytestmark = pytest.mark.one_driver
-
 # On [0, 1] data with weights of float32: a few hundred roundings of 6e-8 at most.
 CLOSE = {"rtol": 0, "atol": 1e-5}
 

@@ -13,8 +13,6 @@ from click.testing import CliRunner
 import gpureg as gr
 from gpureg.cli import main
 
-pytestmark = pytest.mark.one_driver
-
 HOST = {"backend": "numpy"}
 
 

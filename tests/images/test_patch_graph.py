@@ -12,8 +12,6 @@ from test_filters import functions, picture
 import gpureg as gr
 from gpureg.images import patch_graph as door
 
-pytestmark = pytest.mark.one_driver
-
 
 def chosen(
     image, k, *, radius, patch_radius, metric="chebyshev", patch_sigma=None, mask=None, spacing=None, channel_axis=None

@@ -15,8 +15,6 @@ from test_filters import functions, picture
 import gpureg as gr
 from gpureg.backends import BackendUnavailable
 
-pytestmark = pytest.mark.one_driver
-
 HOST = {"backend": "numpy"}
 SMALL = {"patch_radius": 1, "radius": 3, "step": 3, "k": 8, "most": 12}
 

@@ -14,8 +14,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 import gpureg as gr
 import gpureg.skimage as drop_in
 
-pytestmark = pytest.mark.one_driver
-
 
 @functools.cache
 def picture(size=72):

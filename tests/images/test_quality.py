@@ -31,15 +31,15 @@ def test_one_step_nonlocal_means(camera):
 
 
 def test_total_variation_on_the_nearest_patches(camera):
-    """p = 1 in 4 iterations on the graph of the 20 nearest patches; measured: 29.99 dB."""
-    clean, noisy = camera
+    """p = 1 in 4 iterations on the graph of the 20 nearest patches, a quarter of the picture; measured: 30.54 dB."""
+    clean, noisy = (x[60:316, 120:376] for x in camera)
     f0, s = noisy / 255, 20 / 255
     graph = gr.patch_graph(f0, 20, patch_radius=3, radius=10)
     weights = gr.weights.patch(3, 7 * s, sigma=s)
     result = gr.regularize(f0.ravel(), graph, p=1, lam=40, weights=weights, max_iter=4)
-    assert quality.psnr(255 * result.value.reshape(f0.shape), clean) >= 29.9
-    # the door chooses the like from the noise alone
-    assert quality.psnr(gr.denoise_image(noisy, p=1, k=20), clean) >= 29.8
+    assert quality.psnr(255 * result.value.reshape(f0.shape), clean) >= 30.45
+    # the door chooses the like from the noise alone; measured: 30.56 dB
+    assert quality.psnr(gr.denoise_image(noisy, p=1, k=20), clean) >= 30.4
 
 
 def test_averaged_patches_gain(camera):

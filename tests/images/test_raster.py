@@ -12,8 +12,6 @@ import gpureg as gr
 import gpureg.skimage as drop_in
 from gpureg.images.raster import Raster
 
-pytestmark = pytest.mark.one_driver
-
 
 @pytest.mark.parametrize("axis", [None, 0, 1, 2, -1, -3])
 @pytest.mark.parametrize("dtype", ["uint8", "int32", "float32", "float64"])

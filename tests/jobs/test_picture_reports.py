@@ -17,8 +17,6 @@ from gpureg.jobs.simplify import simplify_file
 from gpureg.jobs.simplify_report import SimplifyReport
 from gpureg.jobs.simplify_settings import Simplification
 
-pytestmark = pytest.mark.one_driver
-
 
 @pytest.fixture
 def noisy(tmp_path):

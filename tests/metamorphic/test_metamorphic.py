@@ -36,7 +36,6 @@ def test_relation(name, relation, draw):
     RELATIONS[subject.sort][relation](subject, "numpy", draw)
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("relation", ["scaled", "shifted", "spoiled"])
 @pytest.mark.parametrize("name", ["denoise_nl_means", "denoise_bilateral", "denoise_tv"])
 def test_relation_on_a_device(name, relation, device):

@@ -22,7 +22,7 @@ GAINS = [
     ("What the noise is", "stripes stay", "stripes subtracted", 0.8),
     ("What the noise is", "mosaic", "mosaic denoised", 4.0),
     ("A volume", "noisy", "denoise_image", 15.0),
-    ("A volume", "noisy", "denoise_nl_means", 15.0),
+    ("A volume", "noisy", "denoise_nl_means", 14.0),
     ("A volume", "slice by slice", "denoise_image", 0.35),
     ("A series in colour", "ball, noisy", "ball, two pixels apart", 9.0),
     ("A series in colour", "ball, frame by frame", "ball, two pixels apart", 0.6),

@@ -60,6 +60,7 @@ def test_the_oracle_is_the_definition(name, height):
     assert energy.tolist() == [expected[u][0] if u in expected else np.inf for u in V]
 
 
+@pytest.mark.every_driver
 @pytest.mark.parametrize("name", [name for name in cases.GRAPHS if not name.startswith("small")])
 @pytest.mark.parametrize(("channels", "height"), [(1, 1), (1, 4), (1, 1000), (3, 4)])
 def test_devices_agree_with_dijkstra(device, name, channels, height, monkeypatch):
@@ -80,6 +81,7 @@ def test_devices_agree_with_dijkstra(device, name, channels, height, monkeypatch
     assert wrong == []
 
 
+@pytest.mark.every_driver
 @pytest.mark.parametrize("name", ["grid", "masked", "volume", "four axes", "csr", "narrow", "row", "pixel"])
 def test_a_gpus_blocks_of_one_vertex(device, name, monkeypatch):
     """Where a work item has a vertex, as on a GPU, on the devices at hand."""
@@ -97,6 +99,7 @@ def test_a_gpus_blocks_of_one_vertex(device, name, monkeypatch):
     assert np.array_equal(on.flat_zones(graph, lengths), oracle.flat_zones(graph, lengths))
 
 
+@pytest.mark.every_driver
 @pytest.mark.parametrize("name", cases.GRAPHS)
 def test_flat_zones(device, name):
     graph = cases.graph(name)
@@ -144,7 +147,6 @@ def test_ties_go_to_the_nearest_in_edges_then_to_the_smallest_label():
     assert gr.energy_partition(np.zeros(7), line, sources, backend="numpy").tolist() == [4, 4, 4, 2, 2, 2, 2]
 
 
-@pytest.mark.one_driver
 def test_a_constant_image_and_a_checkerboard(device):
     grid = gr.GridGraph((8, 9), 1, "cityblock")
     constant = gr.sources.extrema(np.full((8, 9), 3.0), grid, backend=device)
@@ -156,7 +158,6 @@ def test_a_constant_image_and_a_checkerboard(device):
     assert np.array_equal(gr.energy_partition(board, grid, every, backend=device), every)
 
 
-@pytest.mark.one_driver
 def test_a_labyrinth_of_one_path(device):
     """A path through all of a picture, down and up its columns, right and left: against its length, cell by cell."""
     size = 41
@@ -218,7 +219,6 @@ def test_level_inside_a_mask():
     assert np.array_equal(energy[grid.mask], np.zeros(4))
 
 
-@pytest.mark.one_driver
 def test_a_photograph(device, data_folder):
     """camera: the zones of all its extrema, as scipy's Dijkstra has them; each is one piece."""
     from skimage.io import imread

@@ -32,7 +32,6 @@ def pieces(labels, connectivity=1):
     return sum(ndimage.label(labels[cut] == i, structure)[1] for i, cut in enumerate(found))
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("metric", ["cityblock", "chebyshev"])
 @pytest.mark.parametrize(("shape", "channels"), [((24, 31), None), ((24, 31), 3), ((7, 9, 11), None), ((7, 9, 11), 2)])
 def test_every_pixel_is_in_one_connected_zone(device, metric, shape, channels):

@@ -29,7 +29,6 @@ def test_extrema_are_those_of_the_definition(name, height):
     } == {kind: sorted(extrema, key=min) for kind, extrema in wanted.items()}
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("kind", ["minima", "maxima"])
 @pytest.mark.parametrize(
     ("shape", "metric"), [((23, 31), "cityblock"), ((23, 31), "chebyshev"), ((5, 6, 7), "chebyshev")]

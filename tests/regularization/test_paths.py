@@ -55,7 +55,6 @@ def test_along_p() -> None:
     assert apart(path, [cold(f0, GRID, 4.0, p, solver="certified", tol=1e-6) for p in degrees]) == []
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("p", [1.0, 1.5])
 def test_a_warm_start_pays(device: str, p: float) -> None:
     """Fewer iterations in all."""

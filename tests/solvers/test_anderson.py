@@ -112,7 +112,6 @@ def test_it_takes_far_fewer_sweeps(p: float, lam: float, eps: float | None, dtyp
         assert distance(more.value) < goal
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("p", [0.7, 1.0, 2.0, 3.0])
 def test_devices_agree(device: str, p: float) -> None:
     """Some vertices pinned, others without data: the same limit on every device, and what is pinned to the bit."""

@@ -99,7 +99,6 @@ def certify(device: str, setting: tuple, p: float) -> gr.Result:
 certified = functools.cache(certify)
 
 
-@pytest.mark.one_driver
 @on_every_setting
 @pytest.mark.parametrize("p", P)
 def test_gap(device: str, setting: tuple, p: float) -> None:
@@ -115,7 +114,6 @@ def test_gap(device: str, setting: tuple, p: float) -> None:
     assert result.lower_bound <= exact.energy[-1] + slack
 
 
-@pytest.mark.one_driver
 @on_every_setting
 def test_same_bits_twice(device: str, setting: tuple) -> None:
     result, again = certified(device, setting, P[-1]), certify(device, setting, P[-1])

@@ -29,7 +29,6 @@ def rounded(p: float) -> tuple[np.ndarray, gr.Result]:
     return f0, solve(f0, GRID, "newton", p=p, lam=fidelity(p), tol=1e-10)
 
 
-@pytest.mark.one_driver
 @by_every_method(1.0, 1.5, 2.0, 6.0)
 def test_precision_is_said(device: str, p: float, method: str) -> None:
     """1e-12 of the energy is beyond float32: a bounded number of iterations, and a gap that is true."""

@@ -139,7 +139,6 @@ def test_fidelity_per_vertex_and_pins(p: float, method: str) -> None:
     check_pins(with_pins(p, method), p)
 
 
-@pytest.mark.one_driver
 @pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 3.0])
 def test_fidelity_per_vertex_and_pins_on_every_device(device: str, p: float) -> None:
     f0, lam = pinned()
@@ -169,7 +168,6 @@ def masked(p: float) -> tuple[np.ndarray, gr.GridGraph, gr.Result]:
     return f0, grid, solve(f0[mask], alone, p=p, lam=2.0, tol=1e-8)
 
 
-@pytest.mark.one_driver
 @by_every_method(1.0, 2.0, 3.0)
 @pytest.mark.parametrize("lam_outside", [2.0, 0.0])
 def test_mask(device: str, p: float, method: str, lam_outside: float) -> None:

@@ -12,8 +12,6 @@ from test_filters import picture
 import gpureg as gr
 from gpureg.weights import OPPONENT, blur_norm, patch_weights
 
-pytestmark = pytest.mark.one_driver
-
 
 def blurred(image, stds):
     return ndimage.gaussian_filter(image.astype(np.float32), stds, mode="mirror", truncate=4.0)

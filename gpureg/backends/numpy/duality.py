@@ -7,6 +7,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ..duality import BALL_ROUNDINGS
+from ..sums import Ratio
 from ..types import Array, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
 
@@ -100,9 +101,28 @@ class NumpyDuality(NumpyGraph):
     """The primitives of the certified solvers."""
 
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
-        out[...] = self.real(a) * x + self.real(b) * (y / np.asarray(over, self.dtype))
+        out[...] = self._term(a, x, 1.0) + self._term(b, y, over)
+
+    def _term(self, coefficient: float | Ratio, x: Array, over: float | Array) -> FloatArray:
+        """Compute a term of `combine`."""
+        if isinstance(coefficient, Ratio):
+            above, below = (coefficient.numbers.values[at] for at in (coefficient.above, coefficient.below))
+            value = self.real(coefficient.sign * (above / below) if below > 0 else 0)
+            if value == 0:
+                return np.zeros_like(x)
+        else:
+            value = self.real(coefficient)
+        term: FloatArray = value * (x / np.asarray(over, self.dtype))
+        return term
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array

@@ -109,6 +109,9 @@ class NumpyGraph(Backend):
         warn_if_slow(graph.n_vertices)
         return np.array(f, self.dtype)
 
+    def overwrite(self, graph: GridGraph, f: npt.NDArray[Any], *, out: Array) -> None:
+        out[...] = f
+
     def get(self, graph: AnyGraph, x: Array) -> FloatArray:
         return np.array(x)
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ...graphs.grid import AnyGraph
 from ..duality import ProxCase, prox_case
+from ..sums import Ratio, ratios
 from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function
 from .launching import OpenCLLaunches
@@ -33,11 +36,21 @@ class OpenCLDuality(OpenCLLaunches):
         return self._number(over, f"-DOVER={over.channels}" if isinstance(over, Function) else "")
 
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
         overs, options = self._over(over)
-        args = [self.real(a), x.buffer, self.real(b), y.buffer, *overs, out.buffer]
-        self._run("combine", self._bare(graph), args, (f"-DM={x.channels}", *options))
+        numbers, factors, places = ratios(a, b)
+        options = (f"-DM={x.channels}", *options, *(() if numbers is None else ("-DRATIOS",)))
+        values = self._nothing if numbers is None else numbers.values
+        args = [self.real(factors[0]), x.buffer, self.real(factors[1]), y.buffer, *overs]
+        self._run("combine", self._bare(graph), [*args, values, *map(np.int32, places), out.buffer], options)
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array

@@ -151,3 +151,7 @@ class OpenCLLaunches(OpenCLBuffers):
     def finish(self) -> None:
         with self._shared.waiting():
             self._shared.queue.finish()
+
+    def release(self) -> None:
+        self._scratch_memory = None
+        self.finish()

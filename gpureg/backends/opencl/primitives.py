@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ...graphs.grid import AnyGraph
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Smoothness, Weighted
+from .cosines import OpenCLCosines
 from .geometry import GridGeometry
 from .groups import OpenCLGroups
 from .layout import GridLayout
@@ -21,7 +22,7 @@ from .zones import OpenCLZones
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

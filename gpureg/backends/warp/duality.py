@@ -9,6 +9,7 @@ import warp as wp
 from ...graphs.grid import AnyGraph
 from ...kernels.warp import combine, dual_step, gradient, primal
 from ..duality import prox_case
+from ..sums import Ratio, ratios
 from ..types import Array, Conductance, Smoothness, Weighted
 from .launching import WarpLaunches
 from .layout import channels_of
@@ -23,11 +24,21 @@ class WarpDuality(WarpLaunches):
     """The primitives of the certified solvers."""
 
     def _combine(
-        self, graph: AnyGraph, a: float, x: Array, b: float, y: Array, over: float | Array, out: Array
+        self,
+        graph: AnyGraph,
+        a: float | Ratio,
+        x: Array,
+        b: float | Ratio,
+        y: Array,
+        over: float | Array,
+        out: Array,
     ) -> None:
         shape = self._layout(graph).shape
-        options = (self.real, channels_of(x), over_channels(over))
-        self._launch(shape, combine.make, options, [a, x, b, y, over], out, work=math.prod(shape))
+        numbers, factors, places = ratios(a, b)
+        options = (self.real, channels_of(x), over_channels(over), numbers is not None)
+        values = None if numbers is None else numbers.values
+        inputs = [factors[0], x, factors[1], y, over, values, wp.vec4i(*places)]
+        self._launch(shape, combine.make, options, inputs, out, work=math.prod(shape))
 
     def _gradient(
         self, weighted: Weighted, f: Array, f0: Array | None, g: Conductance, lam: float | Array, out: Array

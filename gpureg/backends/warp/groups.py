@@ -13,11 +13,11 @@ from ...arrays import FloatArray, IntArray
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import group_step, patch_groups
 from ...kernels.warp.lanes import LANES
-from ..groups import GroupForm, Groups, as_column, group_planes, largest_trace
+from ..groups import GroupForm, Groups, as_column, largest_trace
 from ..patches import patch_jumps
 from ..types import Array
 from . import memory
-from .cells import WarpCells
+from .planes import WarpPlanes
 from .pool import PACK_SPEED
 
 # Numbers in the scratch memory of a launch; a GPU needs more work items at once.
@@ -26,7 +26,7 @@ _CPU_BAND, _CUDA_BAND = 1 << 22, 1 << 25
 _VECTOR_BYTES, _MOST_VECTORS = 32, 6
 
 
-class WarpGroups(WarpCells):
+class WarpGroups(WarpPlanes):
     """Groups of patches."""
 
     def patch_groups(
@@ -37,32 +37,29 @@ class WarpGroups(WarpCells):
         *,
         level: Array | FloatArray | None = None,
     ) -> Groups:
-        planes = group_planes(graph, self.on_host(graph, guide), form)
+        compared = self.on_device(graph, guide)
+        channels = self.channels(compared)
         N, lanes, _ = self._team()
         width = 2 * form.window[-1] + 1
         packs = -(-width // N)
         U = -(-packs // -(-packs // (_MOST_VECTORS if N > 1 else 1)))
         line = -(-packs // U) * U * N
         # zeros around the planes for the window, and for the last pack of its lines
-        around = [(w, w) for w in form.window[:-1]] + [(form.window[-1], form.window[-1] + line - width)]
-        planes = np.pad(planes, [(0, 0), *around])
-        shape = planes.shape[1:]
         margins = [w + p for w, p in zip(form.window, form.patch, strict=True)]
-        inside = np.zeros(shape, self.dtype)
-        inside[tuple(slice(r, r + size) for r, size in zip(margins, graph.shape, strict=True))] = (
-            1 if graph.mask is None else graph.mask
-        )
+        shape = tuple(size + 2 * margin for size, margin in zip(graph.shape, margins, strict=True))
+        shape = (*shape[:-1], shape[-1] + line - width)
+        place = (form.patch, shape, form.window)
         references = form.references(graph.shape)
-        limits = np.full(len(references), form.flat * form.cells * len(planes))
-        if level is not None:
-            limits = limits * self.on_host(graph, as_column(level))[references, 0]
 
         search = patch_groups.struct(self.real)()
-        search.g, search.inside = self._upload_reals(planes.ravel()), self._upload_reals(inside.ravel())
-        search.channels, search.plane, search.pitch = len(planes), inside.size, shape[-1]
-        search.live = self._indices(inside.reshape(-1, shape[-1]).max(axis=1))
+        search.g = self._planes(graph, compared, *place)
+        search.inside = self._planes(graph, self._mask_function(graph), *place, reflects=False)
+        if level is not None:
+            search.level = self._planes(graph, as_column(level), *place, reflects=False)
+        search.channels, search.plane, search.pitch = channels, math.prod(shape), shape[-1]
+        search.live = self._indices(_live_rows(graph, margins))
         search.centres = self._indices(_centres(graph, references, margins, shape))
-        search.limits = self._upload_reals(limits)
+        search.limit = form.flat * form.cells * channels
         search.lines = self._indices(_jumps(form.window[:-1], shape[:-1]))
         search.width, search.patch = width, self._indices(_jumps(form.patch, shape))
         search.nearest, search.most = min(form.nearest, form.places), form.most
@@ -73,7 +70,7 @@ class WarpGroups(WarpCells):
         sizes = memory.zeros(len(references), dtype=wp.int32, device=self._on)
         for begin in range(0, len(references), band):
             items = min(band, len(references) - begin)
-            work = items * form.places * form.cells * len(planes) // PACK_SPEED
+            work = items * form.places * form.cells * channels // PACK_SPEED
             inputs = [search, begin, members]
             self._launch((items * lanes,), patch_groups.make, (self.real, N, U, lanes), inputs, sizes, work=work)
         return Groups(graph, form, members, sizes)
@@ -89,16 +86,17 @@ class WarpGroups(WarpCells):
         variance: float | Array | FloatArray,
     ) -> Array:
         graph, form = groups.graph, groups.form
-        noisy, pilot = (group_planes(graph, self.on_host(graph, x), form) for x in (f0, guide))
-        m, shape = len(noisy), noisy.shape[1:]
+        noisy, pilot = (self.on_device(graph, x) for x in (f0, guide))
+        m = self.channels(noisy)
+        shape = tuple(size + 2 * r for size, r in zip(graph.shape, form.patch, strict=True))
+        place = (form.patch, shape, (0,) * graph.ndim)
         N, lanes, whole = self._team()
         order, starts, phases = _blocks(graph, form)
 
         step = group_step.struct(self.real)()
-        step.noisy, step.pilot = self._upload_reals(noisy.ravel()), self._upload_reals(pilot.ravel())
-        if np.ndim(variance) > 0 or isinstance(variance, wp.array):
-            map_ = group_planes(graph, self.on_host(graph, as_column(variance)), form)
-            step.noise = self._upload_reals(map_.ravel())
+        step.noisy, step.pilot = (self._planes(graph, x, *place) for x in (noisy, pilot))
+        if isinstance(variance, wp.array | np.ndarray):
+            step.noise = self._planes(graph, as_column(variance), *place)
         else:
             step.variance = float(variance)
         step.worst = largest_trace(self.dtype)
@@ -126,12 +124,12 @@ class WarpGroups(WarpCells):
                 self._launch(dim, group_step.make_add, (self.real, lanes), [step, a], count, work=work)
         out = self.empty(graph, m)
         rows, width = out.shape
-        padded = np.arange(math.prod(shape)).reshape(shape)
-        inner = padded[tuple(slice(r, r + size) for r, size in zip(form.patch, graph.shape, strict=True))]
-        begins = self._indices(inner.reshape(rows, width)[:, 0])
-        numbers = wp.array(ptr=out.ptr, dtype=self.real, shape=(rows * width * m,), device=self._on)
-        inputs = [step, count, begins, width]
-        self._launch((rows, width), group_step.make_average, (self.real,), inputs, numbers, work=rows * width * m)
+        lines = np.indices(graph.shape[:-1]).reshape(graph.ndim - 1, rows)
+        begins = row_major(shape)[:-1] @ (lines + np.array(form.patch[:-1], np.int64)[:, None]) + form.patch[-1]
+        inputs = [step, count, self._indices(begins), width]
+        self._launch(
+            (rows, width), group_step.make_average, (self.real,), inputs, self._numbers(out), work=rows * width * m
+        )
         return out
 
     def _team(self) -> tuple[int, int, bool]:
@@ -146,6 +144,14 @@ class WarpGroups(WarpCells):
 
     def _indices(self, values: npt.NDArray[Any]) -> Any:
         return self.upload(values.astype(np.int32), wp.int32)
+
+
+def _live_rows(graph: GridGraph, margins: list[int]) -> npt.NDArray[Any]:
+    """Return 1 for each row of a padded plane with cells inside the mask, 0 for the others."""
+    rows = np.ones(graph.shape[:-1]) if graph.mask is None else np.asarray(graph.mask.any(axis=-1))
+    live = np.zeros(tuple(size + 2 * margin for size, margin in zip(rows.shape, margins[:-1], strict=True)))
+    live[tuple(slice(margin, margin + size) for size, margin in zip(rows.shape, margins[:-1], strict=True))] = rows
+    return live.ravel()
 
 
 def _centres(graph: GridGraph, references: IntArray, margins: Any, shape: tuple[int, ...]) -> IntArray:

@@ -16,6 +16,7 @@ from ...kernels.warp import (
 )
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
+from .cosines import WarpCosines
 from .groups import WarpGroups
 from .layout import channels_of
 from .listing import devices
@@ -26,7 +27,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpSums, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpSums, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:

@@ -1,0 +1,57 @@
+"""Warp as a GPU gets it: every primitive against numpy in float64, and every kernel by NVIDIA's compiler, to PTX."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import held
+import pretended
+import pytest
+from public_calls import DOORS
+from tools import need
+
+from gpureg import backends
+
+pytestmark = pytest.mark.skipif("warp" in backends.absent(), reason="Warp is absent")
+
+DEVICE = "warp:cpu"
+# Doors whose kernels no primitive above builds.
+WARP_DOORS = ("image", "colours", "nonlocal means, averaged", "passes", "passes, colours", "points, p = 1")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _double_alone(request: pytest.FixtureRequest) -> None:
+    if request.config.getoption("as_gpu") == "single":
+        pytest.skip("for Warp nothing changes: CUDA has float64 and subnormal numbers")
+
+
+@held.pairs
+def test_primitive(kind: held.Kind | held.PatchKind, name: str) -> None:
+    held.hold(DEVICE, kind, name)
+
+
+@pytest.mark.parametrize("name", WARP_DOORS)
+def test_door(name: str) -> None:
+    DOORS[name](DEVICE)
+
+
+def private_bytes(module: Any, folder: Path) -> tuple[str, int]:
+    """A module's kernels, and the bytes of private arrays in the PTX of one of them."""
+    import warp as wp
+
+    wp.compile_aot_module(module, arch=80, module_dir=folder, use_ptx=True)
+    (file,) = folder.glob("*.ptx")
+    ptx = file.read_text("utf-8")
+    file.unlink()
+    return ", ".join(module.kernels), sum(map(int, re.findall(r"__local_depot\d+\[(\d+)\]", ptx)))
+
+
+def test_kernels_compile_for_cuda(tmp_path: Path) -> None:
+    """To PTX, which needs no device, and without private arrays, which lie in a GPU's memory."""
+    need("nvrtc", "Warp for macOS has no compiler for CUDA" if sys.platform == "darwin" else None)
+    assert len(pretended.modules) > 60
+    found = [private_bytes(module, tmp_path) for module in pretended.modules.values()]
+    assert [f"{kernels}: {nbytes} bytes" for kernels, nbytes in found if nbytes] == []
