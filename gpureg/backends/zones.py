@@ -29,8 +29,8 @@ FAR = 1 << 62
 HOP = 1 << 32
 """What an edge adds to a tag; the lower 32 bits of a tag are the label of a source."""
 
-# Rounds on a GPU between two checks for changes: a check costs as much as several rounds.
-ROUNDS = 8
+# Rounds on a GPU between two checks for changes: a check costs as much as several rounds. Vertices of a tile of a GPU.
+ROUNDS, TILE = 8, 256
 
 # Blocks per core of a CPU, and the smallest number of vertices in a block.
 _BLOCKS, _LEAST_BLOCK = 4, 1 << 12
@@ -52,11 +52,9 @@ class Zones(ABC):
         """Find the smallest vertex that edges of length 0 connect to each vertex, (n,)."""
 
 
-def blocks(graph: AnyGraph, cores: int | None) -> tuple[int, int]:
-    """Return the vertices of a block, and of a line in it; `cores` is None for a GPU."""
+def blocks(graph: AnyGraph, cores: int) -> tuple[int, int]:
+    """Return the vertices of a block of a CPU, and of a line in it."""
     n = graph.n_vertices
-    if cores is None:
-        return 1, 1
     block = max(-(-n // (_BLOCKS * cores)), min(_LEAST_BLOCK, n))
     line = graph.shape[-1] if isinstance(graph, GridGraph) else block
     block = -(-block // line) * line

@@ -28,5 +28,7 @@ __kernel void adjoint(
     NEIGHBOURS
         for (int c = 0; c < M; ++c) sum[c] += OWN * (LOAD(H_, OPPOSITE_AT(c, M)) - LOAD(H_, EDGE_AT(c, M)));
     END
+    COLLECT(sum, 0, M)
+    ONE_WRITES
     for (int c = 0; c < M; ++c) STORE(out, AT(u, c, M), USED(sum[c]));
 }

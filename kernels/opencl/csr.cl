@@ -4,7 +4,11 @@
  *   VERTEX                     declares the vertex u of this work item, or ends the work item
  *   AT(u, c, channels)         index of channel c of vertex u in a function of that many channels
  *   NEIGHBOURS ... END         a loop over the neighbours v of u, with the edge variables for gamma.cl
- *   OFFSETS ... END            the same loop without the edge variables
+ *   EDGES ... END              the same loop without the edge variables
+ *   OFFSETS ... END            a loop over the edges of u, which has only EDGE_AT and OPPOSITE_AT
+ *   COLLECT(x, first, channels)   after the loop, adds up x[channels] over the work items that share u (csr_gpu.cl);
+ *                              first: the sums that were collected before
+ *   ONE_WRITES                 after all sums: ends all work items that share u but one
  *   EDGE_AT(c, channels)       in the loop, index of channel c of the edge (u, v) in a function on the edges
  *   OPPOSITE_AT(c, channels)   likewise for (v, u)
  *   CLEAR_EDGES(p, channels)   writes 0 for edges that do not exist (only on a grid)
@@ -22,6 +26,19 @@
 #define INDEX int
 #endif
 
+#define AT(u, c, channels) ((long)(u) * (channels) + (c))
+
+#ifdef GAMMA
+#define EDGE_FACTORS const real own = weights[e], other = weights[mirror[e]];
+#elif defined(WEIGHTED)
+#define EDGE_FACTORS const real w = weights[e];
+#else
+#define EDGE_FACTORS const real w = 1;
+#endif
+
+#if defined(SLICED) || defined(TEAM)
+#include "csr_gpu.cl"
+#else
 /* clang-format off */
 #define GRAPH_ARGS                                                                                                    \
     const long n,                      /* number of vertices */                                                       \
@@ -35,23 +52,18 @@
     const long u = get_global_id(0); \
     if (u >= n) return;
 
-#define AT(u, c, channels) ((long)(u) * (channels) + (c))
-
-#ifdef GAMMA
-#define EDGE_FACTORS const real own = weights[e], other = weights[mirror[e]];
-#elif defined(WEIGHTED)
-#define EDGE_FACTORS const real w = weights[e];
-#else
-#define EDGE_FACTORS const real w = 1;
-#endif
-
 /* clang-format off */
-#define NEIGHBOURS                                                                                                    \
+#define EDGES                                                                                                         \
     for (long e = indptr[u]; e < indptr[u + 1]; ++e) {                                                                \
-        const long v = indices[e];                                                                                    \
+        const long v = indices[e];
+#define NEIGHBOURS                                                                                                    \
+    EDGES                                                                                                             \
         EDGE_FACTORS
-/* clang-format on */
 #define OFFSETS for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
+/* clang-format on */
+#define COLLECT(x, first, channels)
+#define ONE_WRITES
+#endif
 /* clang-format off */
 #define END }
 /* clang-format on */

@@ -16,13 +16,15 @@ __kernel void degree(
     __global real *out) /* 1 channel */
 {
     VERTEX
-    realN sum = 0;
+    realN sum[1] = {0};
     NEIGHBOURS
 #ifdef LARGEST
-        sum = fmax(sum, HOLD);
+        sum[0] = fmax(sum[0], HOLD);
 #else
-        sum += HOLD;
+        sum[0] += HOLD;
 #endif
     END
-    STORE(out, AT(u, 0, 1), USED(sum));
+    COLLECT(sum, 0, 1)
+    ONE_WRITES
+    STORE(out, AT(u, 0, 1), USED(sum[0]));
 }

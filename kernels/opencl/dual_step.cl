@@ -50,6 +50,7 @@ __kernel void dual_step(
 #endif
     END
 #if PROX != 2 && !defined(EDGE_NORM)
+    COLLECT(square, 0, G)
     for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
     OFFSETS
     for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * LOAD(out, EDGE_AT(c, M)));

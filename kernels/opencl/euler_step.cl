@@ -52,6 +52,8 @@ __kernel void euler_step(
             sum[c] += conductance[SHARED(c)] * FLOW(d);
         }
     END
+    COLLECT(sum, 0, M)
+    ONE_WRITES
     for (int c = 0; c < M; ++c) {
         const realN data = LOAD(f0, AT(u, c, M));
         const realN moved = here[c] + tau * (lam * (data - here[c]) + sum[c]);

@@ -33,11 +33,7 @@ __kernel void gradient(
     const laneN pinned = lam == (realN)(INFINITY);
     for (int c = 0; c < M; ++c) {
         here[c] = LOAD(f, AT(u, c, M));
-#ifdef F0
-        sum[c] = (pinned ? (realN)(0) : lam) * (here[c] - LOAD(f0, AT(u, c, M)));
-#else
-        sum[c] = (pinned ? (realN)(0) : lam) * here[c];
-#endif
+        sum[c] = 0;
     }
     NEIGHBOURS
         CONDUCTANCES_OF_EDGE
@@ -46,5 +42,14 @@ __kernel void gradient(
             sum[c] -= conductance[SHARED(c)] * FLOW(d);
         }
     END
-    for (int c = 0; c < M; ++c) STORE(out, AT(u, c, M), USED(pinned ? (realN)(0) : sum[c]));
+    COLLECT(sum, 0, M)
+    ONE_WRITES
+    for (int c = 0; c < M; ++c) {
+#ifdef F0
+        const realN away = here[c] - LOAD(f0, AT(u, c, M));
+#else
+        const realN away = here[c];
+#endif
+        STORE(out, AT(u, c, M), USED(pinned ? (realN)(0) : sum[c] + lam * away));
+    }
 }

@@ -26,5 +26,6 @@ __kernel void gradient_norm(
     realN here[M], sum[G];
     for (int c = 0; c < M; ++c) here[c] = LOAD(f, AT(u, c, M));
     SUM_OF_SQUARES
+    ONE_WRITES
     for (int c = 0; c < G; ++c) STORE(out, AT(u, c, G), USED(raise(sum[c], power)));
 }

@@ -211,6 +211,8 @@ __constant const int window_rows[] = {WINDOW_ROWS};
     EDGE_FACTORS
 
 #define USED(x) WHERE(used, x)
+#define COLLECT(x, first, channels)
+#define ONE_WRITES
 
 #ifdef GROUP
 /* Every so many packs, counted row by row: a row and a place on it, so that no division is in the loop. */

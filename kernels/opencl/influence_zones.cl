@@ -9,8 +9,8 @@
  * vertices, and those of other blocks from before the round: a path crosses a block in one round, and no work item
  * reads what another one writes. In the first round it passes the lines down and up, each in both directions, which
  * settles most vertices if there are many sources; in later rounds it visits the vertices with neighbours in other
- * blocks. Then it continues from the changed vertices by Dijkstra's algorithm with a heap. A block is one vertex on a
- * GPU; a CPU has a few blocks per core.
+ * blocks. Then it continues from the changed vertices by Dijkstra's algorithm with a heap. There are a few blocks per
+ * core of a CPU; a GPU has influence_zones_gpu.cl.
  * Traffic per vertex: reads and writes 16 bytes; in the first round also reads 4 K lengths and 4 (K + 1) vertices of 16
  * bytes, mostly from the cache; then the same for each vertex in the heap.
  *
@@ -191,10 +191,6 @@ __kernel void influence_zones(
     for (long u = begin; u < end; ++u) {
         mu_out[u] = mu[u];
         tag_out[u] = tag[u];
-    }
-    if (block == 1) { /* without scratch memory */
-        changed[item] = RELAX(begin);
-        return;
     }
     int moved = 0, size = 0;
     if (2 * reach >= end - begin) {

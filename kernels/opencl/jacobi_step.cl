@@ -46,6 +46,9 @@ __kernel void jacobi_step(
         for (int c = 0; c < G; ++c) total[c] += HOLD * conductance[c];
         for (int c = 0; c < M; ++c) sum[c] += PULL * conductance[SHARED(c)] * LOAD(f, AT(v, c, M));
     END
+    COLLECT(total, 0, G)
+    COLLECT(sum, G, M)
+    ONE_WRITES
     for (int c = 0; c < M; ++c) {
         const realN data = LOAD(f0, AT(u, c, M));
         const realN denominator = lam + total[SHARED(c)];

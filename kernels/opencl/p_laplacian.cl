@@ -34,5 +34,7 @@ __kernel void p_laplacian(
             sum[c] -= conductance[SHARED(c)] * FLOW(d);
         }
     END
+    COLLECT(sum, 0, M)
+    ONE_WRITES
     for (int c = 0; c < M; ++c) STORE(out, AT(u, c, M), USED(sum[c]));
 }

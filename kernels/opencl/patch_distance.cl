@@ -63,19 +63,19 @@ ALONE __kernel void patch_distance(
 {
     STRIP_PLACE
     if (x0 >= width_) return;
-    realN down[S * WIDE], rho[SPAN];
+    BLOCK_ARRAYS
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
-        if (from < until) SUM_DOWN;
-        for (int y = 0; y < rows; ++y) {
+        BLOCK_OF(k)
+        EACH_ROW (y, 0, rows) {
             __global weight_t *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
             const bool has = from <= y && y < until;
-            if (has) sum_along(down + y * WIDE, profile, rho);
+            if (has) ROW_OF(y)
             int p = 0;
             for (; p < B && x0 + p * N < width_; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
                 realN w = 0;
-                if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], k, u, v), u, v, x0 + p * N);
+                if (has) w = PRESENT_WEIGHT(WEIGHT(RHO(y, p), k, u, v), u, v, x0 + p * N);
                 PUT_WEIGHT(to, p * N, w);
             }
             if (x0 + p * N < width_) continue;
@@ -138,14 +138,13 @@ __kernel void patch_distance(
     __global real *out) /* (n_edges,) */
 {
     VERTEX
-    for (long e = indptr[u]; e < indptr[u + 1]; ++e) {
-        const long v = indices[e];
-        const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
+    EDGES
+    const real rho = patch_distance_between(padded, padded_plane, n_patch, patch_jumps, g, site[u], site[v]);
 #ifdef SPATIAL
-        out[e] = EPILOGUE(rho, spatial[e], u, v);
+    out[e] = EPILOGUE(rho, spatial[e], u, v);
 #else
-        out[e] = EPILOGUE(rho, 1, u, v);
+    out[e] = EPILOGUE(rho, 1, u, v);
 #endif
-    }
+END
 }
 #endif

@@ -30,6 +30,8 @@ __kernel void primal(
     NEIGHBOURS
         for (int c = 0; c < M; ++c) sum[c] += OWN * (LOAD(y, OPPOSITE_AT(c, M)) - LOAD(y, EDGE_AT(c, M)));
     END
+    COLLECT(sum, 0, M)
+    ONE_WRITES
 #ifdef LAM_ARRAY
     const realN lam = LOAD(lams, AT(u, 0, 1));
 #else

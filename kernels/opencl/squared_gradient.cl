@@ -1,5 +1,5 @@
 /* The sum that gradient_norm and energy raise to a power. SUM_OF_SQUARES computes sum[G] from `here`, eps2 and
- * edge_power:
+ * edge_power; all work items that share u have it (COLLECT):
  *
  *   vertex norm   sum_v d_w(f)(u, v)^2 + eps^2
  *   EDGE_NORM     sum_v (d_w(f)(u, v)^2 + eps^2)^edge_power, over the existing edges
@@ -30,7 +30,8 @@
             square[G == 1 ? 0 : c] += SQUARED(d);                                           \
         }                                                                                   \
         for (int c = 0; c < G; ++c) sum[c] += WHERE(PRESENT, raise(square[c], edge_power)); \
-    END
+    END                                                                                     \
+    COLLECT(sum, 0, G)
 #else
 #define SUM_OF_SQUARES                                                 \
     for (int c = 0; c < G; ++c) sum[c] = 0;                            \
@@ -40,6 +41,7 @@
             sum[G == 1 ? 0 : c] += SQUARED(d);                         \
         }                                                              \
     END                                                                \
+    COLLECT(sum, 0, G)                                                 \
     for (int c = 0; c < G; ++c) sum[c] += eps2;
 #endif
 

@@ -9,8 +9,8 @@ One work item: a block of neighbouring vertices, until none of them changes. It 
 vertices, and those of other blocks from before the round: a path crosses a block in one round, and no work item reads
 what another one writes. In the first round it passes the lines down and up, each in both directions, which settles most
 vertices if there are many sources; in later rounds it visits the vertices with neighbours in other blocks. Then it
-continues from the changed vertices by Dijkstra's algorithm with a heap. A block is one vertex on a GPU; a CPU has a few
-blocks per core.
+continues from the changed vertices by Dijkstra's algorithm with a heap. There are a few blocks per core of a CPU; a GPU
+has influence_zones_gpu.py.
 Traffic per vertex: reads and writes 16 bytes; in the first round also reads 4 K lengths and 4 (K + 1) vertices of 16
 bytes, mostly from the cache; then the same for each vertex in the heap.
 
@@ -45,19 +45,22 @@ def struct():
         # scratch
         place: wp.array(dtype=wp.int32)  # (n,): 0 before and after
         heap: wp.array(dtype=wp.int32)  # (n,)
+        active: wp.array(dtype=wp.int32)  # (tiles,), of a GPU: equal to the round if the tile is active
         # output
         mu_out: wp.array(dtype=wp.int64)  # (n,)
         tag_out: wp.array(dtype=wp.int64)  # (n,)
+        active_out: wp.array(dtype=wp.int32)  # (tiles,)
 
     return Zones
 
 
 @functools.cache
-def make(grid):
-    """Make the kernel for a grid, or for a stored graph."""
-    Zones = struct()
+def edges(grid):
+    """Make the functions first, last, neighbour and length of a grid, or of a stored graph.
 
-    # The neighbours of u have indices first to last: offsets of a grid, backward ones first, or stored edges.
+    The neighbours of u have indices first to last: offsets of a grid, backward ones first, or stored edges.
+    """
+    Zones = struct()
 
     @wp.func
     def first(z: Zones, u: int) -> int:
@@ -86,6 +89,15 @@ def make(grid):
                 return z.lengths[(z.guard + v) * z.H + e]
             return z.lengths[(z.guard + u) * z.H + e - z.H]
         return z.lengths[e]
+
+    return first, last, neighbour, length
+
+
+@functools.cache
+def make(grid):
+    """Make the kernel for a grid, or for a stored graph."""
+    Zones = struct()
+    first, last, neighbour, length = edges(grid)
 
     @wp.func
     def less(z: Zones, u: int, v: int) -> bool:
@@ -252,9 +264,6 @@ def make(grid):
         for u in range(begin, end):
             z.mu_out[u] = z.mu[u]
             z.tag_out[u] = z.tag[u]
-        if z.block == 1:
-            changed[item] = relax(z, begin, begin, end)
-        else:
-            changed[item] = settle(z, begin, end)
+        changed[item] = settle(z, begin, end)
 
     return influence_zones

@@ -12,9 +12,12 @@ from gpureg import backends, kernels
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
 PARTS |= {"total"}  # the second stage of a long sum
 # Parts of one language alone; kernels/README.md says why.
-OPENCL_PARTS, WARP_PARTS = {"lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
+OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
+OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
-GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "sweep_gpu", "similarity_step_gpu"}
+# The same primitive for a GPU, in both languages.
+BOTH_GPU = {"influence_zones_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
 FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
@@ -37,7 +40,7 @@ KERNELS = {"dot": "dot_product", "mix": "mix_channels"}
 PRIMITIVES = sorted(
     path.stem
     for path in (kernels.folder / "opencl").glob("*.cl")
-    if path.stem not in PARTS | OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
+    if path.stem not in PARTS | OPENCL_PARTS | GPU | BOTH_GPU | FUSED | FUSED_PARTS
 )
 
 
@@ -78,7 +81,7 @@ def test_the_languages_have_the_same_files():
     opencl = {path.stem for path in (kernels.folder / "opencl").glob("*.cl")}
     warp = {path.stem for path in (kernels.folder / "warp").glob("*.py")} - {"__init__"}
     own = OPENCL_PARTS | GPU | FUSED | FUSED_PARTS
-    assert opencl - own == warp - WARP_PARTS == PARTS | set(PRIMITIVES)
+    assert opencl - own == warp - WARP_PARTS == PARTS | BOTH_GPU | set(PRIMITIVES)
     assert warp >= WARP_PARTS and opencl >= own
 
 
@@ -88,7 +91,7 @@ def test_files_of_one_language_open_with_a_comment(stem):
     assert len(opencl[opencl.index("/*") : opencl.index("*/")]) > 80
 
 
-@pytest.mark.parametrize("stem", sorted(PARTS | set(PRIMITIVES)))
+@pytest.mark.parametrize("stem", sorted(PARTS | BOTH_GPU | set(PRIMITIVES)))
 def test_files_open_with_a_comment(stem):
     opencl = (kernels.folder / "opencl" / f"{stem}.cl").read_text("utf-8")
     assert opencl.startswith("/*")

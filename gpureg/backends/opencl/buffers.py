@@ -25,6 +25,7 @@ from .layout import CsrLayout, GridLayout
 from .listing import free_memory
 from .queue import HostBuffer, queue
 from .recording import Record
+from .rows import csr_geometry, csr_layout
 
 # Bytes of an array for which numpy asks for huge pages, and bytes of an ordinary page.
 _HUGE, _PAGE = 1 << 22, 1 << 12
@@ -161,7 +162,8 @@ class OpenCLBuffers(Backend):
                 found = GridLayout(self.upload, graph, geometry)
             else:
                 assert isinstance(geometry, CsrGeometry)
-                found = CsrLayout(self.upload, graph, geometry, self._csr_group(graph))
+                gpu = self.device.kind == "gpu"
+                found = csr_layout(self.upload, graph, geometry, self._csr_group(graph), gpu)
             self._topologies[graph] = found
         return found
 
@@ -228,7 +230,7 @@ class OpenCLBuffers(Backend):
             found = (
                 GridGeometry.of(graph, self.lanes, self.dtype.itemsize)
                 if isinstance(graph, GridGraph)
-                else CsrGeometry(graph.n_vertices, graph.n_edges)
+                else csr_geometry(graph, self.device.kind == "gpu")
             )
             self._geometries[graph] = found
         return found

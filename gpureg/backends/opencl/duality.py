@@ -59,7 +59,8 @@ class OpenCLDuality(OpenCLLaunches):
         lams, lam_options = self._lam(lam)
         data, options = (self._nothing, ()) if f0 is None else (f0.buffer, ("-DF0",))
         args = [f.buffer, data, *conductance, *lams, out.buffer]
-        self._run("gradient", weighted, args, (f"-DM={f.channels}", *g_options, *lam_options, *options))
+        options = (f"-DM={f.channels}", *g_options, *lam_options, *options)
+        self._run("gradient", weighted, args, options, sums=f.channels)
 
     def dual_step(
         self,
@@ -73,11 +74,13 @@ class OpenCLDuality(OpenCLLaunches):
         beta: float,
         sigma: float,
     ) -> Array:
+        each = model.edge or prox_case(model.p, model.eps) == "square"  # no norm over the edges of a vertex
         numbers = [self.real(x) for x in (sigma, model.p, model.eps)]
         args = [y.buffer, f.buffer, f_previous.buffer, self._real(beta), *numbers, previous.buffer]
-        self._run("dual_step", weighted, args, norm_options(f.channels, model))
+        self._run("dual_step", weighted, args, norm_options(f.channels, model), sums=0 if each else f.channels)
         return previous
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         lams, options = self._lam(lam)
-        self._run("primal", weighted, [y.buffer, f0.buffer, *lams, out.buffer], (f"-DM={f0.channels}", *options))
+        args, options = [y.buffer, f0.buffer, *lams, out.buffer], (f"-DM={f0.channels}", *options)
+        self._run("primal", weighted, args, options, sums=f0.channels)

@@ -63,6 +63,11 @@ class CsrGeometry(Geometry):
 
 
 @dataclass(frozen=True)
+class SlicedGeometry(CsrGeometry):
+    """The sizes of a stored graph in slices of rows; `n_edges` counts the places of edges."""
+
+
+@dataclass(frozen=True)
 class Blocks:
     """The blocks of ``sweep.cl``: `count` along each axis, of `band` rows and `stretch` columns.
 

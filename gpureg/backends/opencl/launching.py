@@ -6,6 +6,7 @@ Programs are built once per device, primitive and build options, and cached; pyo
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ import pyopencl as cl
 
 from ... import kernels
 from ...graphs.grid import GridGraph
+from ..bands import BY_ROWS
 from ..failures import build_failed
 from ..patches import PatchForm
 from ..recorded import Parameter, Replay, Work, places
@@ -22,6 +24,7 @@ from .buffers import Function, OpenCLBuffers, Recomputed
 from .failing import built, raise_if_full
 from .geometry import round_up
 from .layout import GridLayout
+from .queue import KernelKey
 from .recording import Record
 from .strips import Strips
 
@@ -30,6 +33,13 @@ _MIRRORED = ("adjoint", "primal", "duality_gap")
 
 # Work items of a group on a GPU.
 _GPU_GROUP = 64
+
+
+# Kernels that may run on a part of their work items, or groups.
+_BY_ROWS = BY_ROWS | {"patch_groups", "patch_groups_gpu", "similarity_step_gpu", "sweep_gpu"}
+
+# The number of a group counts from the first work item of a launch, that of a work item from the first of all.
+_GROUPS_FROM_ITEMS = "#define get_group_id(axis) (get_global_id(axis) / get_local_size(axis))\n"
 
 
 class OpenCLLaunches(OpenCLBuffers):
@@ -41,6 +51,8 @@ class OpenCLLaunches(OpenCLBuffers):
         found = self._shared.kernels.get(key)
         if found is None:
             source = kernels.opencl_source(primitive)
+            if self.device.watched and primitive in _BY_ROWS:
+                source = _GROUPS_FROM_ITEMS + source
             try:
                 program = built(self._shared.context, source, list(key[1]))
             except cl.Error as error:
@@ -61,15 +73,16 @@ class OpenCLLaunches(OpenCLBuffers):
         *,
         exact: bool = False,
         local: tuple[int, ...] | None = None,
+        sums: int | None = None,
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
         would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
         sum on a grid, whose kernel uses the number of work items), where the driver chooses.
+        `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
         """
         layout = weighted.topology
-        options = (*layout.options, f"-DN={layout.width}", *options)
         weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
         if isinstance(weights, Recomputed):
             options += weights.options
@@ -78,16 +91,17 @@ class OpenCLLaunches(OpenCLBuffers):
         elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
-        size = size or layout.global_size
-        group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
-        if group is not None and local is None:
-            local = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(size) - 1))
-            size = (round_up(size[0], local[0]), *size[1:])
-        graph_args = layout.args(
-            self._nothing if weights is None else weights, weighted.directed or primitive in _MIRRORED
-        )
-        args = [*graph_args, *(extra if isinstance(layout, GridLayout) else ()), *args]
-        self._launch(primitive, options, args, size, local)
+        mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
+        with self._shared.lock:
+            for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
+                graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
+                chosen = (*one.options, f"-DN={layout.width}", *options)
+                groups, items = local, size or one.size
+                group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
+                if group is not None and local is None:
+                    groups = (min(group, self.device.handle.max_work_group_size), *(1,) * (len(items) - 1))
+                    items = (round_up(items[0], groups[0]), *items[1:])
+                self._launch(primitive, chosen, [*graph_args, *args], items, groups)
 
     def _launch(
         self,
@@ -100,12 +114,39 @@ class OpenCLLaunches(OpenCLBuffers):
         """Run a kernel over `size` work items, in groups of `local`; add it to the record if there is one."""
         varying = places(args)
         args = [self.real(arg) if isinstance(arg, Parameter) else arg for arg in args] if varying else args
+        key = (primitive, self._options + options)
         with self._shared.lock:
             kernel = self._kernel(primitive, options, args)
-            if self._record is None:
-                kernel(self._shared.queue, size, local, *args)
+            cut = self.device.watched and primitive in _BY_ROWS
+            if self._record is not None:
+                for band, offset in self._bands(key, size, local) if cut else [(size, None)]:
+                    self._record.add(key, kernel, band, local, args, varying, offset)
+            elif cut:
+                self._in_bands(key, kernel, size, local, args)
             else:
-                self._record.add((primitive, self._options + options), kernel, size, local, args, varying)
+                kernel(self._shared.queue, size, local, *args)
+
+    def _in_bands(
+        self, key: KernelKey, kernel: cl.Kernel, size: tuple[int, ...], local: tuple[int, ...] | None, args: list[Any]
+    ) -> None:
+        """Run a kernel in bands of the last axis, none of which takes long."""
+        axis, unit = _last_axis(size, local)
+
+        def launch(first: int, last: int) -> None:
+            band, offset = _band(size, axis, first * unit, min(last * unit, size[axis]))
+            kernel(self._shared.queue, band, local, *args, global_offset=offset)
+            self._shared.queue.flush()
+
+        items = math.prod(size) // size[axis] * unit
+        self._shared.bands.run(key, -(-size[axis] // unit), items, launch, self._shared.queue.finish)
+
+    def _bands(
+        self, key: KernelKey, size: tuple[int, ...], local: tuple[int, ...] | None
+    ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Return the sizes and offsets of the bands of a launch, as far as the speed of its kernel is known."""
+        axis, unit = _last_axis(size, local)
+        cuts = self._shared.bands.known(key, -(-size[axis] // unit), math.prod(size) // size[axis] * unit)
+        return [_band(size, axis, first * unit, min(last * unit, size[axis])) for first, last in cuts]
 
     def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
         recorder = copy.copy(self)
@@ -128,7 +169,8 @@ class OpenCLLaunches(OpenCLBuffers):
         self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
-        return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
+        gpu = self.device.kind == "gpu"
+        return Strips(graph, form, 1 if gpu else self.lanes, self.dtype.itemsize, gpu, sums)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
         """Return the two kernel arguments for a number or a function, and the build options."""
@@ -155,3 +197,16 @@ class OpenCLLaunches(OpenCLBuffers):
     def release(self) -> None:
         self._scratch_memory = None
         self.finish()
+
+
+def _last_axis(size: tuple[int, ...], local: tuple[int, ...] | None) -> tuple[int, int]:
+    """Return the last axis with more than one group, or the first axis, and the work items of a group along it."""
+    units = (1,) * len(size) if local is None else local
+    axis = next((i for i in reversed(range(len(size))) if size[i] > units[i]), 0)
+    return axis, units[axis]
+
+
+def _band(size: tuple[int, ...], axis: int, first: int, last: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the size and the offset of a launch from one work item of an axis to another."""
+    before, after = size[:axis], size[axis + 1 :]
+    return (*before, last - first, *after), (*(0,) * len(before), first, *(0,) * len(after))

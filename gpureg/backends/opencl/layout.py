@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,25 @@ def window_runs(offsets: IntArray) -> IntArray:
     starts = np.flatnonzero(np.concatenate([[True], ~follows]))
     counts = np.diff(np.append(starts, len(offsets)))
     return np.stack([starts, offsets[starts, -1], counts], axis=1).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One launch of a kernel over a graph.
+
+    Attributes
+    ----------
+    options : tuple of str
+        Build options that choose the form of the graph.
+    args : list
+        The kernel arguments GRAPH_ARGS.
+    size : tuple of int
+        Work items.
+    """
+
+    options: tuple[str, ...]
+    args: list[Any]
+    size: tuple[int, ...]
 
 
 class Layout(ABC):
@@ -100,6 +120,15 @@ class Layout(ABC):
     def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
         """Return the kernel arguments GRAPH_ARGS; `mirrored` if the kernel reads the opposite of an edge."""
 
+    def launches(
+        self, weights: Buffer, mirrored: bool, sums: int | None, allocate: Callable[[int], Buffer], itemsize: int
+    ) -> Iterator[Launch]:
+        """Return the launches of a kernel, one after the other.
+
+        `sums` is how many numbers the kernel collects over the edges of a vertex, None if no work items may share one.
+        """
+        yield Launch(self.options, self.args(weights, mirrored), self.global_size)
+
 
 class CsrLayout(Layout):
     """A stored graph on the device."""
@@ -110,15 +139,23 @@ class CsrLayout(Layout):
         self.group = group
         self.width = 1
         wide = graph.indices.dtype == np.int64
-        self.options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
-        self.indptr = upload(graph.indptr)
-        self.indices = upload(graph.indices)
+        self.index_options: tuple[str, ...] = ("-DINDEX=long",) if wide else ()
+        self.options = self.index_options
         # For the mirror, made at first use. A reference to the graph would keep it in the weak cache of layouts.
         self._upload, self._topology = upload, (graph.indptr, graph.indices)
+        self.indptr, self.indices = self._put_edges_of(graph)
         self._mirror: Buffer = None
         self.segment = max(1, -(-geometry.n // SEGMENTS))
         self.segments = (-(-geometry.n // self.segment),)
         self.global_size: tuple[int, ...] = (geometry.n,)
+
+    def _put_edges_of(self, graph: Graph) -> tuple[Buffer, Buffer]:
+        """Upload where the rows begin, and the neighbours."""
+        return self._upload(graph.indptr), self._upload(graph.indices)
+
+    def _opposite(self) -> IntArray:
+        """Return the index of the opposite of each edge."""
+        return opposite_edges(*self._topology).astype(np.int64)
 
     def pack(self, f: FloatArray) -> FloatArray:
         return f
@@ -140,7 +177,7 @@ class CsrLayout(Layout):
 
     def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
         if mirrored and self._mirror is None:
-            self._mirror = self._upload(opposite_edges(*self._topology).astype(np.int64))
+            self._mirror = self._upload(self._opposite())
         return [np.int64(self.geometry.n), self.indptr, self.indices, weights, self._mirror if mirrored else weights]
 
 

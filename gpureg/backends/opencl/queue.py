@@ -8,12 +8,13 @@ import os
 import re
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
+from ..bands import Bands
 from .failing import Turn, raise_if_full
 
 
@@ -56,6 +57,7 @@ class Queue:
     process: int
     # Host memory of deleted buffers: queued work may still use it, until the next wait is over.
     leaving: deque[npt.NDArray[np.uint8]]
+    bands: Bands = field(default_factory=Bands)
 
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:

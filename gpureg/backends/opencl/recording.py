@@ -11,6 +11,9 @@ import pyopencl as cl
 from .failing import raise_if_full
 from .queue import KernelKey, Queue
 
+Sides = tuple[int, ...] | None
+"""Work items along each axis; None: the driver chooses, or none at all."""
+
 
 class Record:
     """Launches in their order.
@@ -22,7 +25,7 @@ class Record:
 
     def __init__(self, shared: Queue, real: Any) -> None:
         self._queue, self._real = shared.queue, real
-        self._launches: list[tuple[cl.Kernel, tuple[int, ...], tuple[int, ...] | None]] = []
+        self._launches: list[tuple[cl.Kernel, tuple[int, ...], Sides, Sides]] = []
         # A driver need not keep the buffers of a kernel's arguments.
         self._args: list[list[Any]] = []
         # (function that sets an argument, place of the argument, place of the parameter)
@@ -34,11 +37,15 @@ class Record:
         key: KernelKey,
         like: cl.Kernel,
         size: tuple[int, ...],
-        local: tuple[int, ...] | None,
+        local: Sides,
         args: list[Any],
         varying: list[tuple[int, int]],
+        offset: Sides = None,
     ) -> None:
-        """Add a launch of the kernel `like`, and launch it; `varying` has pairs of places, as in `places`."""
+        """Add a launch of the kernel `like`, and launch it; `varying` has pairs of places, as in `places`.
+
+        `offset` is the first work item along each axis.
+        """
         spare = self._shared.spare.setdefault(key, [])
         try:
             kernel = spare.pop()
@@ -51,8 +58,8 @@ class Record:
         setter = getattr(kernel, "_set_arg_buf", kernel.set_arg)
         self._varying += [(setter, at, number) for at, number in varying]
         self._args.append(args)
-        self._launches.append((kernel, size, local))
-        cl.enqueue_nd_range_kernel(self._queue, kernel, size, local)
+        self._launches.append((kernel, size, local, offset))
+        cl.enqueue_nd_range_kernel(self._queue, kernel, size, local, offset)
 
     def replay(self, *numbers: float) -> None:
         """Launch all, with these numbers as the parameters."""
@@ -60,8 +67,8 @@ class Record:
         try:
             for setter, at, number in self._varying:
                 setter(at, self._real(numbers[number]))
-            for kernel, size, local in self._launches:
-                enqueue(queue, kernel, size, local)
+            for kernel, size, local, offset in self._launches:
+                enqueue(queue, kernel, size, local, offset)
         except cl.Error as error:
             raise_if_full(self._shared.context.devices[0], error)
             raise

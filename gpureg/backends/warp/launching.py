@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,6 +24,7 @@ import warp as wp
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
 from ...kernels.warp import pack, reals
+from ..bands import BY_ROWS, Bands
 from ..failures import build_failed
 from ..protocol import Backend
 from ..recorded import Parameter, Replay, Work
@@ -45,6 +47,7 @@ class WarpLaunches(Backend):
         self._layouts: weakref.WeakKeyDictionary[AnyGraph, Csr | Grid] = weakref.WeakKeyDictionary()
         # The launches of recorded work, while recording.
         self._record: Record | None = None
+        self._bands = Bands()
 
     # Buffers
 
@@ -167,15 +170,22 @@ class WarpLaunches(Backend):
         # cut along the rows or, if there are few rows, across them
         axis = 0 if dim[0] >= pieces else len(dim) - 1
         pieces = min(pieces, dim[axis])
+
+        def piece(first: int, last: int) -> Any:
+            part = copy.copy(command)
+            part.params = list(command.params)
+            part.set_dim((*dim[:axis], last - first, *dim[axis + 1 :]))
+            part.set_param_at_index(len(inputs), wp.vec2i(0, first) if axis else wp.vec2i(first, 0))
+            return part
+
         if threads > 1 and pieces > 1:
-            commands = []
-            for first, last in itertools.pairwise(cuts(dim[axis], pieces)):
-                if last > first:
-                    piece = copy.copy(command)
-                    piece.params = list(command.params)
-                    piece.set_dim((*dim[:axis], last - first, *dim[axis + 1 :]))
-                    piece.set_param_at_index(len(inputs), wp.vec2i(0, first) if axis else wp.vec2i(first, 0))
-                    commands.append(piece)
+            commands = [piece(a, b) for a, b in itertools.pairwise(cuts(dim[axis], pieces)) if b > a]
+        elif self.device.watched and make.__module__.rpartition(".")[2] in BY_ROWS:
+            key, items = (make, options), math.prod(dim) // max(dim[axis], 1)
+            if self._record is None:
+                self._bands.run(key, dim[axis], items, lambda *band: piece(*band).launch(), self.finish)
+                return
+            commands = [piece(*band) for band in self._bands.known(key, dim[axis], items)]
         if self._record is not None:
             self._record.add(commands, [*inputs, out])
         launch_all(commands)

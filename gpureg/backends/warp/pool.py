@@ -107,8 +107,9 @@ _pool = _Pool()
 
 
 def launch_all(commands: list[Any]) -> None:
-    """Launch the pieces of a launch."""
-    if len(commands) == 1:
-        commands[0].launch()
+    """Launch the pieces of a launch; those of a GPU are bands, in their order."""
+    if len(commands) == 1 or not commands[0].device.is_cpu:
+        for command in commands:
+            command.launch()
     else:
         _pool.run(commands)
