@@ -67,7 +67,7 @@ ALONE __kernel void patch_distance(
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
         BLOCK_OF(k)
-        EACH_ROW (y, 0, rows) {
+        FOR_ROWS (y, 0, rows) {
             __global weight_t *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
             const bool has = from <= y && y < until;
             if (has) ROW_OF(y)

@@ -146,7 +146,7 @@ ALONE __kernel void similarity_step(
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
         BLOCK_OF(k)
-        EACH_ROW (y, from, until) {
+        FOR_ROWS (y, from, until) {
             ROW_OF(y)
 #pragma unroll
             for (int p = 0; p < B; ++p) {
@@ -163,7 +163,7 @@ ALONE __kernel void similarity_step(
     }
     f0 += channel * plane;
     out += channel * plane;
-    EACH_ROW (y, 0, rows)
+    FOR_ROWS (y, 0, rows)
         for (int p = 0; p < B && x0 + p * N < width_; ++p)
             FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y, UNIT_OF_LAM(y * B + p));
 }

@@ -181,13 +181,13 @@ static inline realN similarity(realN rho, const real spatial, const real shift, 
 #endif
 
 /* A kernel declares BLOCK_ARRAYS; for offset k it uses BLOCK_OF once, ROW_OF for each row of the block with neighbours,
- * and then RHO, the distance of pack p in row y, or if it does not store its weights WEIGHT_OF. EACH_ROW is a loop over
+ * and then RHO, the distance of pack p in row y, or if it does not store its weights WEIGHT_OF. FOR_ROWS is a loop over
  * the rows first <= y < last of a block; UNROLL stands before other loops over arrays. */
 #ifdef UNROLLED
 #include "strip_unrolled.cl"
 #else
 #define UNROLL
-#define EACH_ROW(y, first, last) for (int y = (first); y < (last); ++y)
+#define FOR_ROWS(y, first, last) for (int y = (first); y < (last); ++y)
 #define RHO(y, p) rho[p]
 
 /* The sum of the last 2 R + 1 rows, from sums of 1, 2, 4 and 8 rows; SUMn(l) has the n rows up to the one l rows before

@@ -28,7 +28,7 @@
 #endif
 
 #define UNROLL _Pragma("unroll")
-#define EACH_ROW(y, first, last) UNROLL for (int y = 0; y < S; ++y) if ((first) <= y && y < (last))
+#define FOR_ROWS(y, first, last) UNROLL for (int y = 0; y < S; ++y) if ((first) <= y && y < (last))
 #define RHO(y, p) rho[y]
 
 #ifdef FLAT

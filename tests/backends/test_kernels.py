@@ -10,7 +10,7 @@ from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
-PARTS |= {"total"}  # the second stage of a long sum
+PARTS |= {"total", "scalars"}  # the second stage of a long sum, computations with its results
 # Parts of one language alone; kernels/README.md says why.
 OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
 OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}

@@ -21,13 +21,13 @@ from .groups import WarpGroups
 from .layout import channels_of
 from .listing import devices
 from .patches import WarpPatches
-from .sums import WarpSums
+from .scalars import WarpScalars
 from .zones import WarpZones
 
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpSums, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
