@@ -28,7 +28,7 @@ NORMS: tuple[Norm, ...] = ("vertex", "edge")
 RELATIVE_EPS = 1e-3
 
 # The largest values, in units of a frame, of which float32 holds the squares, and sums of them.
-_SQUARES = 2.0**60
+SQUARES = 2.0**60
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
@@ -232,13 +232,17 @@ class Problem:
             dtype = real_type(frame, self.f0)
         return replace(
             self,
-            f0=frame.into(self.f0, dtype),
+            f0=self._in(frame, dtype),
             lam=frame.lam(self.lam, self.p),
             weights=weights,
             eps=self.eps / frame.scale,
             frame=frame,
             data=self.f0,
         )
+
+    def _in(self, frame: Frame, dtype: np.dtype[Any]) -> FloatArray:
+        """Return the data in the units of a frame, of this type."""
+        return frame.into(self.f0, dtype)
 
     def _check_eps(self, dtype: np.dtype[Any], smoothed: bool) -> None:
         p, eps, limits = self.p, self.eps, np.finfo(dtype)
@@ -283,7 +287,7 @@ def real_type(frame: Frame, values: npt.NDArray[Any], units: Sequence[float] = (
     if values.dtype.kind in "iu" and values.dtype.itemsize <= 2 and frame.scale * min(units, default=1.0) > 2.0**-40:
         return np.dtype(np.float32)
     reach = frame.reach(values / np.asarray(units)) if len(units) else frame.reach(values)
-    return np.dtype(np.float64 if reach > _SQUARES else np.float32)
+    return np.dtype(np.float64 if reach > SQUARES else np.float32)
 
 
 def known_rows(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
