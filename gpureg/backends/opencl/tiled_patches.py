@@ -52,6 +52,5 @@ class OpenCLTiledPatches(OpenCLCells):
         ]
         for first, of_launch in tiles.launches(f.channels):
             args = [guide.buffer, f.buffer, np.int32(first), *others]
-            with self._shared.lock:
-                run = self._kernel("similarity_step_gpu", (*of_launch.options, *lam_options), args)
-                run(self._shared.queue, of_launch.size, (ITEMS, 1), *args)
+            options = (*of_launch.options, *lam_options)
+            self._launch("similarity_step_gpu", options, args, of_launch.size, (ITEMS, 1))
