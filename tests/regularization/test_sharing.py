@@ -74,7 +74,7 @@ def test_the_result_says_that_memory_ran_out(room) -> None:
 
 
 def test_a_job_without_tiles_says_what_it_needs(room) -> None:
-    room("numpy", 400)
+    room("numpy", 100)
     with pytest.raises(
         MemoryError, match=r"needs .* on numpy, .* GiB are free now \(no room\).*cut into tiles: the step"
     ):
