@@ -78,6 +78,8 @@ class OpenCLBuffers(Backend):
             self._options += ("-DDOUBLE",)
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
+        if not device.handle.single_fp_config & cl.device_fp_config.DENORM:
+            self._options += ("-DFLUSHED",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
