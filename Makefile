@@ -6,13 +6,19 @@ VENV ?= .venv
 PYTEST_ARGS ?= -n 2 --dist loadfile
 BIN = $(VENV)/bin
 
-.PHONY: demo test lint bench docs clean
+.PHONY: demo test gpu-test lint bench docs clean
 
 demo: $(VENV)/.demo-ready
 	$(BIN)/gpureg demo
 
 test: $(VENV)/.test-ready
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+# What a GPU gets, without one: pretended GPUs, compilers for other machines, a simulator that finds races. See
+# kernels/README.md.
+gpu-test: $(VENV)/.test-ready
+	$(BIN)/python -m pytest --as-gpu double $(PYTEST_ARGS) tests/gpu
+	$(BIN)/python -m pytest --as-gpu single tests/gpu/test_opencl_as_gpu.py
 
 lint: $(VENV)/.test-ready
 	$(BIN)/ruff check .

@@ -28,10 +28,10 @@ HOST, DEVICE = "in", "out"
 EXP = 16
 
 
-def _of_tests(name: str, room: str = "") -> ModuleType:
+def of_tests(name: str, room: str = "") -> ModuleType:
     """A module of the folder ``tests``, which is no package: under pytest it may be there already."""
     folder = Path(__file__).resolve().parents[1] / "tests"
-    folders = [str(folder), str(folder / "backends")]
+    folders = [str(folder), str(folder / "backends"), str(folder / "gpu")]
     sys.path[:0] = folders
     try:
         found = importlib.import_module(name)
@@ -43,8 +43,8 @@ def _of_tests(name: str, room: str = "") -> ModuleType:
     return found
 
 
-shared = _of_tests("cases")
-_primitives = _of_tests("rows", "backends").ROWS
+shared = of_tests("cases")
+_primitives = of_tests("rows", "backends").ROWS
 
 # Two correct implementations of a sweep may be so far apart, relative to the largest value: derived in tests/cases.py.
 TOLERANCE: dict[str, float] = shared.TOLERANCES

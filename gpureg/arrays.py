@@ -88,6 +88,9 @@ def all_finite(values: npt.NDArray[Any]) -> bool:
     """Check block by block whether no value is NaN or infinite."""
     if values.dtype.kind != "f":
         return True
+    if values.size and not any(values.strides):
+        # one number at all places
+        values = values.reshape(-1)[:1]
     flat = values.reshape(-1) if values.flags.c_contiguous else values
     block = max(1, BLOCK_ENTRIES // max(1, math.prod(flat.shape[1:])))
     return all(bool(np.isfinite(flat[begin : begin + block]).all()) for begin in range(0, len(flat), block))

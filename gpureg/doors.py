@@ -12,7 +12,7 @@ import inspect
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -64,11 +64,18 @@ def door(function: Callable[P, R], /) -> Callable[P, R]: ...
 
 @overload
 def door(
-    *, name: str | None = None, options: Mapping[str, Any] | None = None
+    *, name: str | None = None, options: Mapping[str, Any] | None = None, lent: Iterable[str] = ()
 ) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
 
 
-def door(function: Any = None, /, *, name: str | None = None, options: Mapping[str, Any] | None = None) -> Any:
+def door(
+    function: Any = None,
+    /,
+    *,
+    name: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    lent: Iterable[str] = (),
+) -> Any:
     """Mark a public function, or the constructor of a public class.
 
     Parameters
@@ -80,6 +87,8 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     options : mapping, optional
         Names and defaults of the options that the function takes as ``**options`` and passes on. They become part of
         its signature; any other option is refused.
+    lent : iterable of str
+        Parameters that the function takes as :class:`gpureg.exchange.Lent` where this is possible.
 
     Returns
     -------
@@ -88,7 +97,7 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
         may be arrays of other libraries. A parameter in :data:`RENAMED` raises a TypeError with the new name.
     """
     if function is None:
-        return functools.partial(door, name=name, options=options)
+        return functools.partial(door, name=name, options=options, lent=lent)
     if isinstance(function, type):
         constructor = function.__init__  # type: ignore[misc]
         function.__init__ = door(name=name or function.__name__)(constructor)  # type: ignore[misc]
@@ -99,7 +108,7 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
     if options is not None:
         signature = _with_options(signature, options)
     names = tuple(signature.parameters)
-    known = None if options is None else set(names)
+    known, taken = None if options is None else set(names), frozenset(lent)
 
     @functools.wraps(function)
     def outermost(*args: Any, **given: Any) -> Any:
@@ -109,11 +118,11 @@ def door(function: Any = None, /, *, name: str | None = None, options: Mapping[s
             if known is not None and old not in known:
                 raise TypeError(f"{called}() got an unexpected keyword argument {old!r}")
         if _inside.get():
-            return exchange.call(function, names, args, given, inner=True)
+            return exchange.call(function, names, args, given, lent=taken, inner=True)
         named = _called.get() is None
         inside, token = _inside.set(True), _called.set(called if named else _called.get())
         try:
-            return _until_done(lambda: exchange.call(function, names, args, given))
+            return _until_done(lambda: exchange.call(function, names, args, given, lent=taken))
         except (TypeError, ValueError) as error:
             alone = type(error) in (TypeError, ValueError) and len(error.args) == 1
             if named and alone and not hasattr(error, _THEIRS):

@@ -34,6 +34,11 @@ def spread(values: Values, samples: int = _SAMPLES) -> float:
     return _rounded(max((_of_channel(values[:, c], samples) for c in range(values.shape[1])), default=0.0))
 
 
+def steps_of_samples(n: int) -> tuple[int, int]:
+    """Return the distances of the samples for a frame and for a spread, among n values of a channel."""
+    return tuple(n // samples | 1 if n > samples else 1 for samples in (_FEW, _SAMPLES))  # type: ignore[return-value]
+
+
 def _sampled(channel: Values, samples: int) -> Values:
     # an odd distance, which does not fall in step with rows of even length
     return channel if len(channel) <= samples else channel[:: len(channel) // samples | 1]

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, held_type, into_integers
+from ..exchange import Memory
 from ..frame import AS_GIVEN, Frame
 from ..graphs.grid import AnyGraph, GridGraph
 from .data import Data
@@ -77,6 +78,32 @@ class CellPrimitives(Data):
         if len(units):
             values = values * np.asarray(units, values.dtype)
         out[...] = into_integers(values, out.dtype).reshape(out.shape)
+
+    def reads(self, memory: Memory) -> bool:
+        """Return whether :meth:`put_memory` can use data where they lie."""
+        return False
+
+    def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array:
+        """Return data on the device, (n, m), as a function in the units of a frame, without the host.
+
+        Parameters
+        ----------
+        graph : Graph or GridGraph
+        memory : Memory
+            Numbers of n m channels, in the order of the vertices.
+        frame : Frame
+            As in :meth:`put_cells`.
+        fresh : bool, default False
+            Whether the function has memory of its own. If not, it is `memory` where nothing is to be converted.
+        """
+        raise NotImplementedError(f"{self!r} has no memory of Warp")
+
+    def get_memory(self, graph: AnyGraph, f: Array, frame: Frame, dtype: npt.DTypeLike) -> Any:
+        """Return a function, in the units of a frame, as data on the device: what ``Memory.numbers`` is, (n m,).
+
+        The data are of this type, rounded as in :meth:`get_cells`.
+        """
+        raise NotImplementedError(f"{self!r} has no memory of Warp")
 
     def blur(self, grid: GridGraph, f: Array, taps: Sequence[FloatArray]) -> Array:
         """Convolve a device function along each axis with a symmetric kernel.

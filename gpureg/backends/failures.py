@@ -81,9 +81,13 @@ def first_lines(log: str) -> str:
     return "; ".join(after[first : first + _LINES]) or "the compiler says nothing"
 
 
-def out_of_memory(device: Any, said: str) -> MemoryError:
+class OutOfMemory(MemoryError):
+    """The memory of a device has ended, which other programs use as well; other MemoryErrors tell of limits."""
+
+
+def out_of_memory(device: Any, said: str) -> OutOfMemory:
     """Return the error for a device whose memory has ended; `device` is a name, `said` what its library says."""
-    return MemoryError(
+    return OutOfMemory(
         f"the memory of {device} has run out ({said}): use smaller data or a smaller window, dtype float32, "
         "or backend='numpy'"
     )

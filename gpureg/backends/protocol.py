@@ -18,12 +18,12 @@ from .groups import GroupPrimitives
 from .patches import (
     PatchForm,
 )
-from .sums import Sums
+from .scalars import Scalars
 from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_stored
 from .zones import Zones
 
 
-class Backend(CosineSolves, Duality, Sums, CellPrimitives, GroupPrimitives, Zones):
+class Backend(CosineSolves, Duality, Scalars, CellPrimitives, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters

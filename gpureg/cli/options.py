@@ -32,7 +32,10 @@ tol = click.option(
 )
 eps = click.option("--eps", type=float, help="Smoothing of the gradient norm.  [default: 1e-3 of the spread]")
 backend = click.option(
-    "--backend", default="auto", show_default=True, help="auto, numpy, opencl, warp, or one of `gpureg backends`."
+    "--backend",
+    default="auto",
+    show_default=True,
+    help="auto, all, numpy, opencl, warp, or names from `gpureg backends`, joined by commas.",
 )
 dtype = click.option(
     "--dtype", type=click.Choice(["float32", "float64"]), help="Type of the computation.  [default: float32]"

@@ -8,6 +8,19 @@ one, write its file with the functions of :class:`.library.Library`, and a line 
 from __future__ import annotations
 
 from .arguments import Origin, as_came, as_given, call, called_with, on_host, place, taken
-from .library import Place
+from .lent import Lent
+from .library import Memory, Place
 
-__all__ = ["Origin", "Place", "as_came", "as_given", "call", "called_with", "on_host", "place", "taken"]
+__all__ = [
+    "Lent",
+    "Memory",
+    "Origin",
+    "Place",
+    "as_came",
+    "as_given",
+    "call",
+    "called_with",
+    "on_host",
+    "place",
+    "taken",
+]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .lent import Lent
 from .library import Library, Place, library_of
 
 # Types that are neither arrays nor contain any: seen at once.
@@ -70,7 +71,7 @@ _data: ContextVar[tuple[Origin | None, Origin | None]] = ContextVar("_data", def
 
 
 def taken(
-    names: tuple[str, ...], args: tuple[Any, ...], given: dict[str, Any]
+    names: tuple[str, ...], args: tuple[Any, ...], given: dict[str, Any], lent: frozenset[str] = frozenset()
 ) -> tuple[tuple[Any, ...], dict[str, Any], Origin | None]:
     """Replace arrays of other libraries in the arguments of a call by numpy arrays.
 
@@ -80,6 +81,8 @@ def taken(
         The names of the parameters, in the order of `args`.
     args, given : tuple, dict
         The arguments by position and by name.
+    lent : set of str
+        The parameters that may be :class:`Lent`.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def taken(
     origin : Origin or None
         The first array among the arguments, if it is one of another library.
     """
-    found = _Search()
+    found = _Search(lent)
     last = len(names) - 1
     args = tuple(found.on_host(x, names[min(k, last)]) for k, x in enumerate(args))
     # the data are the first parameter, also if the caller names them last
@@ -108,6 +111,7 @@ def call(
     args: tuple[Any, ...],
     given: dict[str, Any],
     *,
+    lent: frozenset[str] = frozenset(),
     inner: bool = False,
 ) -> Any:
     """Call a function with numpy arrays, and return its result as arrays of the data's library.
@@ -115,12 +119,12 @@ def call(
     Parameters
     ----------
     function : callable
-    names, args, given
+    names, args, given, lent
         As for :func:`taken`.
     inner : bool, default False
         Whether another public function calls it.
     """
-    args, given, origin = taken(names, args, given)
+    args, given, origin = taken(names, args, given, lent)
     with called_with(origin, inner=inner):
         if origin is None:
             return function(*args, **given)
@@ -163,7 +167,8 @@ def place() -> Place | None:
 class _Search:
     """The arguments of one call, seen in order."""
 
-    def __init__(self) -> None:
+    def __init__(self, lent: frozenset[str] = frozenset()) -> None:
+        self._lent = lent
         self.origin: Origin | None = None
         self._views: list[tuple[npt.NDArray[Any], Any]] = []
         # whether the first array has been seen
@@ -188,12 +193,21 @@ class _Search:
         return found
 
     def _array(self, library: Library, x: Any, name: str) -> Any:
-        view = library.to_host(x, name)
-        self._views.append((view, x))
-        if view.ndim == 0:
-            return view[()]
+        memory = library.to_warp(x, name) if name in self._lent else None
+        found: Any = (
+            self._on_host(library, x, name)
+            if memory is None
+            else Lent(library, x, memory, lambda: self._on_host(library, x, name))
+        )
+        if isinstance(found, np.ndarray) and found.ndim == 0:
+            return found[()]
         if not self._seen:
             self._seen, self.origin = True, Origin(library, x, self._views)
+        return found
+
+    def _on_host(self, library: Library, x: Any, name: str) -> npt.NDArray[Any]:
+        view = library.to_host(x, name)
+        self._views.append((view, x))
         return view
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy.typing as npt
 
-from .library import Place, on_cuda
+from . import warp
+from .library import Memory, Place, on_cuda
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:
@@ -21,6 +22,19 @@ def to_library(value: npt.NDArray[Any], like: Any) -> Any:
 
     with like.device:
         return cupy.asarray(value)
+
+
+def to_warp(array: Any, name: str) -> Memory | None:
+    """Return the memory of an array."""
+    return warp.memory_of(array) if place(array) is not None else None
+
+
+def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+    """Return an array; its current stream waits for that of Warp."""
+    import cupy
+
+    with like.device:
+        return cupy.from_dlpack(numbers).reshape(shape)
 
 
 def place(array: Any) -> Place | None:

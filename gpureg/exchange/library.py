@@ -32,6 +32,22 @@ class Place(NamedTuple):
     device: Any
 
 
+class Memory(NamedTuple):
+    """The memory of an array as one of Warp.
+
+    Attributes
+    ----------
+    numbers : (size,) Warp array
+        In C order.
+    shape : tuple of int
+    dtype : dtype
+    """
+
+    numbers: Any
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+
 class Library(Protocol):
     """The functions that a file of this room has for the arrays of its library."""
 
@@ -43,6 +59,12 @@ class Library(Protocol):
 
     def to_library(self, value: npt.NDArray[Any], like: Any) -> Any:
         """Return a writeable numpy array that nobody else uses as an array of the library, on the device of `like`."""
+
+    def to_warp(self, array: Any, name: str) -> Memory | None:
+        """Return the same memory as an array of Warp; None for memory that Warp cannot use, or without Warp."""
+
+    def from_warp(self, numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+        """Return an array of Warp, (size,), as an array of the library, without a copy."""
 
     def place(self, array: Any) -> Place | None:
         """Return the device of an array; None for the host and for devices on which gpureg does not compute."""

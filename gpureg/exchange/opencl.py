@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .library import Place
+from .library import Memory, Place
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:
@@ -33,6 +33,16 @@ def to_library(value: npt.NDArray[Any], like: Any) -> Any:
     from pyopencl import array
 
     return array.to_device(_queue(like), value, allocator=like.allocator)
+
+
+def to_warp(array: Any, name: str) -> Memory | None:
+    """Return None: OpenCL's memory is not Warp's."""
+    return None
+
+
+def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+    """Return nothing: no argument is lent."""
+    raise NotImplementedError
 
 
 def place(array: Any) -> Place | None:

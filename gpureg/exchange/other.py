@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import warp
-from .library import CUDA, HOST, Place, refuse_gradients
+from .library import CUDA, HOST, Memory, Place, refuse_gradients
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:
@@ -35,12 +35,28 @@ def to_host(array: Any, name: str) -> npt.NDArray[Any]:
 
 def to_library(value: npt.NDArray[Any], like: Any) -> Any:
     """Return an array of the library if it has a function ``from_dlpack``; otherwise of numpy, or of Warp on CUDA."""
-    found = value if (at := place(like)) is None else warp.to_cuda(value, at.device)
+    return _made(value if (at := place(like)) is None else warp.to_cuda(value, at.device), like)
+
+
+def _made(found: Any, like: Any) -> Any:
+    """Return an array of numpy or Warp as one of the library of `like`, if this is possible."""
     if hasattr(like, "__array_namespace__"):
         make = getattr(like.__array_namespace__(), "from_dlpack", None)
     else:
         make = getattr(sys.modules.get(type(like).__module__.partition(".")[0]), "from_dlpack", None)
     return found if make is None else make(found)
+
+
+def to_warp(array: Any, name: str) -> Memory | None:
+    """Return the memory of an array on a CUDA device."""
+    if getattr(array, "requires_grad", False) is True:
+        refuse_gradients(name, f"{name}.detach()")
+    return warp.memory_of(array) if _device(array) in CUDA else None
+
+
+def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+    """Return an array of the library if it has a function ``from_dlpack``, otherwise of Warp."""
+    return _made(numbers.reshape(shape), like)
 
 
 def place(array: Any) -> Place | None:

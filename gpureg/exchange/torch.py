@@ -7,11 +7,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .library import Place, on_cuda, refuse_gradients
+from . import warp
+from .library import Memory, Place, on_cuda, refuse_gradients
 
 
 def to_host(tensor: Any, name: str) -> npt.NDArray[Any]:
     """Return a view of a tensor on the CPU, a copy of one elsewhere; bfloat16 and narrower types as float32."""
+    _expect_values(tensor, name)
+    # copied on the current stream of the device, and waited for
+    found: npt.NDArray[Any] = (tensor.float() if _lacks(tensor.dtype) else tensor).numpy(force=True)
+    return found
+
+
+def _expect_values(tensor: Any, name: str) -> None:
+    """Raise a TypeError for a tensor that records gradients, or has no dense values."""
     import torch
 
     if tensor.requires_grad:
@@ -20,9 +29,6 @@ def to_host(tensor: Any, name: str) -> npt.NDArray[Any]:
         raise TypeError(f"{name} is a tensor of layout {tensor.layout}: pass {name}.to_dense()")
     if tensor.device.type == "meta":
         raise TypeError(f"{name} is a tensor on the device 'meta', which has no values")
-    # copied on the current stream of the device, and waited for
-    found: npt.NDArray[Any] = (tensor.float() if _lacks(tensor.dtype) else tensor).numpy(force=True)
-    return found
 
 
 def to_library(value: npt.NDArray[Any], like: Any) -> Any:
@@ -31,6 +37,19 @@ def to_library(value: npt.NDArray[Any], like: Any) -> Any:
 
     narrow = _lacks(like.dtype) and value.dtype == np.float32
     return torch.from_numpy(value).to(device=like.device, dtype=like.dtype if narrow else None)
+
+
+def to_warp(tensor: Any, name: str) -> Memory | None:
+    """Return the memory of a tensor on a CUDA device."""
+    _expect_values(tensor, name)
+    return warp.memory_of(tensor) if tensor.device.type == "cuda" else None
+
+
+def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+    """Return a tensor; its current stream waits for that of Warp."""
+    import torch
+
+    return torch.from_dlpack(numbers).reshape(shape)
 
 
 def place(tensor: Any) -> Place | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import Place, on_cuda, refuse_gradients
+from .library import Memory, Place, on_cuda, refuse_gradients
 
 # CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL of the CUDA driver.
 _DEVICE_ORDINAL = 9
@@ -18,8 +19,7 @@ def to_host(array: Any, name: str) -> npt.NDArray[Any]:
     """Return a view of an array on the CPU, a copy of one on a GPU; vectors have a last axis of components."""
     import warp as wp
 
-    if array.requires_grad:
-        refuse_gradients(name, f"warp.clone({name}, requires_grad=False)")
+    _refuse_gradients(array, name)
     if getattr(array.dtype, "_wp_scalar_type_", array.dtype) is getattr(wp, "bfloat16", None):
         raise TypeError(f"{name} has the type bfloat16, which numpy has not: convert it to float32")
     found: npt.NDArray[Any] = array.numpy()
@@ -36,6 +36,30 @@ def to_library(value: npt.NDArray[Any], like: Any) -> Any:
         if value.shape[-len(vector) :] == tuple(vector):
             return _array(value, like.dtype, value.shape[: -len(vector)], like.device)
     return _array(value, dtype, value.shape, like.device)
+
+
+def to_warp(array: Any, name: str) -> Memory | None:
+    """Return the memory of an array; of one with other strides that of a copy in C order."""
+    _refuse_gradients(array, name)
+    return _memory(array)
+
+
+def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
+    """Return an array of numbers, (size,), as one like the given one, of its vectors if it has some."""
+    import warp as wp
+
+    vector = getattr(like.dtype, "_shape_", ())
+    if not vector or numbers.dtype is not like.dtype._wp_scalar_type_:
+        return numbers.reshape(shape)
+    found = wp.array(ptr=numbers.ptr, dtype=like.dtype, shape=shape[: -len(vector)], device=numbers.device)
+    # the memory lives as long as this array: what Warp does for views of its own
+    found._ref = numbers
+    return found
+
+
+def _refuse_gradients(array: Any, name: str) -> None:
+    if array.requires_grad:
+        refuse_gradients(name, f"warp.clone({name}, requires_grad=False)")
 
 
 def place(array: Any) -> Place | None:
@@ -61,6 +85,33 @@ def of_cuda(array: Any) -> Any:
     if interface.get("stream") is not None:
         device.stream.wait_stream(wp.Stream(device, cuda_stream=interface["stream"]))
     return wp.array(data=array, device=device, copy=False)
+
+
+def memory_of(array: Any) -> Memory | None:
+    """Return the memory of an object on a CUDA device; None without Warp."""
+    try:
+        return _memory(of_cuda(array))
+    except ImportError:
+        return None
+
+
+def _memory(array: Any) -> Memory | None:
+    """Return the memory of a Warp array; None for an empty one, and for one of structures."""
+    import warp as wp
+
+    kind = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+    try:
+        dtype = np.dtype(wp.dtype_to_numpy(kind))
+    except TypeError:
+        return None
+    if not array.size:
+        return None
+    whole = array.contiguous()
+    shape = (*whole.shape, *getattr(array.dtype, "_shape_", ()))
+    numbers = wp.array(ptr=whole.ptr, dtype=kind, shape=(math.prod(shape),), device=whole.device)
+    # the memory lives as long as this array
+    numbers._ref = whole
+    return Memory(numbers, shape, dtype)
 
 
 def to_cuda(value: npt.NDArray[Any], device: int) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import math
 from collections.abc import Sequence
@@ -14,11 +15,12 @@ import numpy.typing as npt
 from .. import backends
 from ..backends import Backend, Chosen
 from ..graphs.grid import GridGraph
-from ..model.memory import Job, process_limit, readable
+from ..model.memory import Job, Need, process_limit, readable
 from ..model.result import Interrupted, Result
 from ..progress import progress_bar
 from ..regularization.one_sweep import OneStep
-from ..regularization.tiling import Tile, cut
+from ..regularization.sharing import Shared
+from ..regularization.tiling import Tile, Tiling, cut
 from ..solvers import Solver
 from ..weights import Weights, patch_weights
 from .group_passes import bytes_of_passes
@@ -62,16 +64,12 @@ def tiles_of(
     MemoryError
         Even a small part with its halo needs more.
     """
-    plans = [own for _, own in plan.groups] or [plan]
-    active = [own for own in plans if own.max_iter > 0]
+    active = [own for own in _plans(plan) if own.max_iter > 0]
     device = backends.get(backend, dtype)
-    blocks = _blocks(plans, len(shape), device)
-    halos = [_halo(own, shape, solver, masked=masked or own.flat_side > 0) for own in active]
-    reaches = [(reach_of(own, len(shape)),) * len(shape) for own in plans]
-    known = [halo for halo in halos if halo is not None]
-    if len(known) < len(active):
+    edges = _edges(plan, shape, solver, device, masked=masked)
+    if edges is None:
         return None
-    halo = tuple(max(each) for each in zip(*known, *reaches, strict=True))
+    halo, blocks = edges
     if not active:
         rows = max(1, memory // max(1, channels * math.prod(shape[1:]) * dtype.itemsize * _HOST))
         return cut(shape, (min(rows, shape[0]), *shape[1:]), halo, (1,) * len(shape))
@@ -101,6 +99,25 @@ def tiles_of(
         if needs(sizes) <= memory:
             return cut(shape, sizes, halo, blocks)
         per_pixel *= 1.05 * needs(sizes) / (math.prod(wide(sizes)) * per_pixel)
+
+
+def _plans(plan: DenoisePlan) -> list[DenoisePlan]:
+    """Return the plans of all groups of channels, or the plan."""
+    return [own for _, own in plan.groups] or [plan]
+
+
+def _edges(
+    plan: DenoisePlan, shape: tuple[int, ...], solver: str | Solver, device: Backend, *, masked: bool
+) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    """Return the halo of a part along each axis, and the sides of which it begins at multiples; None: no parts."""
+    plans = _plans(plan)
+    active = [own for own in plans if own.max_iter > 0]
+    halos = [_halo(own, shape, solver, masked=masked or own.flat_side > 0) for own in active]
+    reaches = [(reach_of(own, len(shape)),) * len(shape) for own in plans]
+    known = [halo for halo in halos if halo is not None]
+    if len(known) < len(active):
+        return None
+    return tuple(max(each) for each in zip(*known, *reaches, strict=True)), _blocks(plans, len(shape), device)
 
 
 def _blocks(plans: Sequence[DenoisePlan], ndim: int, device: Backend) -> tuple[int, ...]:
@@ -218,7 +235,7 @@ def run_in_parts(
             memory=working_set(limit.bytes, raster.values.size),
         )
     if tiles is None or len(tiles) == 1:
-        result = run_plan(plan, raster, guide=guide, channel_axis=raster.channel_axis, progress=progress, **run)
+        result = _run(plan, raster, guide, progress=progress, **run)
         if out is None:
             return result
         out[...] = result.value
@@ -252,8 +269,72 @@ def run_part(
         nothing = replace(plan, max_iter=0, groups=(), impulses=())
         result = run_plan(nothing, part, channel_axis=-1, **run)
     else:
-        result = run_plan(plan, part, guide=guide, channel_axis=-1, **run)
+        result = _run(plan, part, guide, **run)
     return result.value[tile.inner], replace(result, value=np.empty(0))
+
+
+def _run(plan: DenoisePlan, raster: Raster, guide: npt.ArrayLike | None, **run: Any) -> Result:
+    """Run a plan; in halves with the same bits if the memory of the device runs out.
+
+    Raises
+    ------
+    MemoryError
+        The plan has no parts, or not even a part that is hardly larger than its halo fits.
+    """
+    try:
+        return run_plan(plan, raster, guide=guide, channel_axis=raster.channel_axis, **run)
+    except MemoryError as error:
+        if type(error) is MemoryError:  # a limit, not the memory of a device or of the process
+            raise
+        said = str(error)
+    # only now has the error let go of the arrays
+    gc.collect()
+    device = backends.get(run.get("backend", "auto"), raster.computed_type(run.get("dtype")))
+    device.release()
+    edges = None
+    if run.get("callback") is None and run.get("update_weights") is None:
+        edges = _edges(plan, raster.shape, run.get("solver", "jacobi"), device, masked=not raster.whole)
+    if edges is None:
+        raise MemoryError(f"{said}. The plan depends on the whole image, and is not made in parts")
+    return _in_halves(
+        plan, raster, guide, replace(Tiling.whole(raster.shape, *edges), full=device.device.id), said, run
+    )
+
+
+def _in_halves(
+    plan: DenoisePlan, raster: Raster, guide: npt.ArrayLike | None, tiling: Tiling, said: str, run: dict[str, Any]
+) -> Result:
+    """Run a plan on the halves of an image, and on the halves of those for which the memory of the device runs out."""
+    device = backends.get(run.get("backend", "auto"), raster.computed_type(run.get("dtype")))
+    halves = tiling.halves(tiling.tiles[0])
+    if not halves:
+        raise MemoryError(f"{said}. A part of the image is hardly smaller than the image, with its halo")
+    value = np.empty(raster.values.shape, raster.values.dtype)
+    target = value[..., None] if raster.channel_axis is None else np.moveaxis(value, raster.channel_axis, -1)
+    compared = None if guide is None else _channels_last(np.asarray(guide), raster)
+    left = np.ones(raster.shape, bool)
+
+    def work(on: Backend, tile: Tile) -> Result:
+        part = Raster(raster.cells[tile.wide], None if raster.inside is None else raster.inside[tile.wide], -1)
+        beside = None if compared is None else compared[tile.wide]
+        own = part_of(plan, raster.shape, tile)
+        result = run_plan(own, part, guide=beside, channel_axis=-1, **run)
+        target[tile.own], left[tile.own] = result.value[tile.inner], False
+        return result
+
+    def need(tile: Tile) -> Need:
+        needed = max(_bytes(own, _grid(own, tile.shape), raster.channels, device) for own in _plans(plan))
+        return Need(needed, needed)
+
+    shared: Shared[Result] = Shared([device], replace(tiling, tiles=halves), need)
+    try:
+        results = shared.run(work)
+    except Interrupted as interruption:
+        target[left] = raster.cells[left]
+        raise Interrupted(replace(interruption.result, value=value)) from None
+    shared.warn()
+    result = joined(results)
+    return replace(result, value=value, method=f"{result.method.removesuffix('.')}{shared.told}.")
 
 
 def joined(results: list[Result]) -> Result:

@@ -63,11 +63,11 @@ class DeviceProblem:
             weighted = backend.prepare(graph, problem.weights)
         scale = _vertex_scale(problem.gamma, backend, weighted)
         f0 = problem.f0 if scale is None else problem.f0 * scale
-        return cls(problem, backend, weighted, backend.put(graph, f0), _put_lam(problem, backend, scale), scale)
+        return cls(problem, backend, weighted, backend.put(graph, f0), put_lam(problem, backend, scale), scale)
 
     def changed(self, problem: Problem) -> DeviceProblem:
         """Return the problem with the same data, graph and weights, but another p, lam or eps."""
-        return replace(self, problem=problem, lam=_put_lam(problem, self.backend, self.scale))
+        return replace(self, problem=problem, lam=put_lam(problem, self.backend, self.scale))
 
     @property
     def p(self) -> float:
@@ -149,7 +149,7 @@ class DeviceProblem:
         return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, self.model)
 
 
-def _put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:
+def put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:
     """Put the fidelity on the device, in the device's variable; `scale` is (n, 1)."""
     lam = problem.lam
     if scale is not None:

@@ -27,7 +27,7 @@ NORMS: tuple[Norm, ...] = ("vertex", "edge")
 RELATIVE_EPS = 1e-3
 
 # The largest values, in units of a frame, of which float32 holds the squares, and sums of them.
-_SQUARES = 2.0**60
+SQUARES = 2.0**60
 
 
 def as_function(graph: AnyGraph, values: npt.ArrayLike, name: str) -> FloatArray:
@@ -228,16 +228,20 @@ class Problem:
             if weights is None:
                 frame, weights = AS_GIVEN, self.weights
         if dtype is None:
-            dtype = np.dtype(np.float64 if frame.reach(self.f0) > _SQUARES else np.float32)
+            dtype = np.dtype(np.float64 if frame.reach(self.f0) > SQUARES else np.float32)
         return replace(
             self,
-            f0=frame.into(self.f0, dtype),
+            f0=self._in(frame, dtype),
             lam=frame.lam(self.lam, self.p),
             weights=weights,
             eps=self.eps / frame.scale,
             frame=frame,
             data=self.f0,
         )
+
+    def _in(self, frame: Frame, dtype: np.dtype[Any]) -> FloatArray:
+        """Return the data in the units of a frame, of this type."""
+        return frame.into(self.f0, dtype)
 
     def _check_eps(self, dtype: np.dtype[Any], smoothed: bool) -> None:
         p, eps, limits = self.p, self.eps, np.finfo(dtype)

@@ -21,7 +21,7 @@ from ..model.result import Result, Stop
 from ..progress import progress_bar
 from ..solvers.loop import expect_finite
 from ..weights import PatchWeights, Weights, patch_weights
-from .regularize import as_given
+from .results import as_given
 from .sharing import Shared, shares
 from .tiling import Tile, Tiling, blocks_of, halo, need_of, part_problem, tiling, without_halo, work_of
 

@@ -23,7 +23,8 @@ from ..progress import progress_bar
 from ..solvers import resolve, run
 from ..weights import Weights
 from .options import MODEL, Model
-from .regularize import as_run, regularize, result_of
+from .regularize import regularize
+from .results import as_run, result_of, value_of
 from .tiled import Cutting
 
 # Settings of `regularize` that are the same for all runs of a series.
@@ -109,7 +110,7 @@ class Series:
                 resume=self._state,
             )
         self._state = outcome.state
-        self._last = result_of(outcome, self._f0, self._graph, begin)
+        self._last = result_of(outcome, value_of(outcome, self._f0, self._graph), begin)
         return self._last
 
     def _anew(self, lam: float | npt.ArrayLike, p: float) -> Result:

@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 import gc
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..arrays import FloatArray, computed_type
+from ..arrays import FloatArray
 from ..backends import Backend, Chosen
-from ..checks import flag, integer, number
+from ..checks import flag, integer
 from ..doors import door
+from ..exchange import Lent
 from ..graphs.accepted import GraphLike, as_graph
-from ..graphs.csr import Graph
-from ..graphs.grid import GridGraph
 from ..model.memory import budget_of
 from ..model.on_device import DeviceProblem
 from ..model.problem import Norm, Problem, as_function, uses_degrees
 from ..model.result import Interrupted, Result, Stop
-from ..model.rounding import rounding_of
 from ..progress import progress_bar
 from ..solvers import Solver, resolve, run
 from ..solvers.loop import Callback, Outcome
 from ..weights import Weights
 from .by_channel import by_channel
+from .lent import regularize_lent
+from .results import as_given, as_run, result_of, value_of
 from .tiled import Cutting, run_in_tiles
 from .tiling import Tiling
 
 
-@door
+@door(lent=("f0",))
 def regularize(
     f0: npt.ArrayLike,
     graph: GraphLike,
@@ -170,6 +168,15 @@ def regularize(
     graph = as_graph(graph, degrees=uses_degrees(gamma))
     method = resolve(solver)
     max_iter, tol, kind = as_run(method, max_iter, tol, dtype, callback, progress)
+    data: object = f0
+    if isinstance(data, Lent):
+        given: dict[str, object] = {"p": p, "lam": lam, "weights": weights, "gamma": gamma, "norm": norm, "eps": eps}
+        given |= {"coupled": coupled, "update_weights": update_weights, "initial": initial, "max_iter": max_iter}
+        given |= {"tol": tol, "backend": backend, "callback": callback, "progress": progress, "memory": memory}
+        direct = regularize_lent(data, graph, method, given | {"dtype": None if dtype is None else kind})
+        if direct is not None:
+            return direct
+        f0 = data.to_host()
     if update_weights is not None:
         update_weights = integer("update_weights", update_weights, low=1)
         if not method.renews:
@@ -217,7 +224,7 @@ def regularize(
         if tiles is None:
             outcome, said = _whole(cutting, devices[0], first, progress)
             if outcome is not None:
-                return result_of(outcome, f0, graph, begin)
+                return result_of(outcome, value_of(outcome, f0, graph), begin)
             devices[0].release()
             tiles = cutting.halved(devices[0], said)
         return _in_tiles(cutting, devices, tiles, first, f0, threshold, progress, begin)
@@ -248,51 +255,6 @@ def _whole(cutting: Cutting, device: Backend, first: FloatArray, progress: bool)
     return None, said
 
 
-def as_run(
-    method: Solver,
-    max_iter: int | None,
-    tol: float | None,
-    dtype: npt.DTypeLike | None,
-    callback: Callback | None,
-    progress: bool,
-) -> tuple[int, float | None, np.dtype[Any]]:
-    """Check the settings of a run; return max_iter, tol (the solver's defaults if None) and the type."""
-    if callback is not None and not callable(callback):
-        raise TypeError(f"callback must be callable, got {callback!r}")
-    flag("progress", progress)
-    most = method.most if max_iter is None else max_iter
-    tol = method.tol if tol is None else tol
-    most = integer("max_iter", most, low=0)
-    tol = None if tol is None else number("tol", tol, low=0)
-    return most, tol, computed_type(dtype)
-
-
-def result_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph, begin: float) -> Result:
-    """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted."""
-    on, course = outcome.problem, outcome.course
-    problem, frame = on.problem, on.problem.frame
-    # an interruption may come after the last check
-    gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
-    if gap is not None:
-        gap += rounding_of(problem, course.energies[-1], on.backend.dtype)
-    result = Result(
-        value=as_given(problem.back(on.get_function(outcome.f)), f0, graph),
-        iterations=outcome.iterations,
-        stop=outcome.stop,
-        energy=np.array([frame.energy(energy, problem.p) for energy in course.energies]),
-        checks=np.array(course.checks),
-        gap=None if gap is None else frame.energy(gap, problem.p),
-        error_bound=None if gap is None else frame.scale * math.sqrt(2 * gap / float(np.min(problem.lam))),
-        eps=problem.eps * frame.scale,
-        method=outcome.method,
-        backend=repr(on.backend),
-        seconds=time.perf_counter() - begin,
-    )
-    if outcome.stop is Stop.INTERRUPTED:
-        raise Interrupted(result)
-    return result
-
-
 def _in_tiles(
     cutting: Cutting,
     devices: Sequence[Backend],
@@ -320,12 +282,3 @@ def _in_tiles(
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)
     return result
-
-
-def as_given(value: FloatArray, f0: npt.ArrayLike, graph: Graph | GridGraph) -> npt.NDArray[Any]:
-    """Return a regularized function (n, m) in the shape of the data."""
-    if isinstance(graph, GridGraph) and graph.mask is not None:
-        # vertices outside the mask are returned unchanged, including NaN
-        outside = ~graph.mask.ravel()
-        value[outside] = np.asarray(f0).reshape(value.shape)[outside]
-    return value.reshape(np.shape(f0))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ..backends import Array, Backend, in_turns
+from ..backends import Array, Backend, Numbers, in_turns, scalars
 from ..checks import flag, integer, number
 from ..doors import door
 from ..model.on_device import DeviceProblem
@@ -23,9 +25,39 @@ _HALVINGS = 30
 class _State(ProcessState):
     theta: float
     why: str  # the reason for theta, "" if it is 1
-    energy: float | None  # of f, if sweeps that raise it are shortened
+    numbers: Numbers | None  # scalars on the device, if there is a guard or an acceleration
     anderson: Anderson | None
+    guard: Guard | None
+    at: int = 0  # the place of f among the two iterates
+    pending: int = 0  # sweeps since the last check, with a guard or an acceleration
     halved: int = 0  # how often a sweep was shortened
+    mixes: tuple[int, int] = (0, 0)  # rejected, and in all, at the last check
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What sweeps need that must not raise the energy.
+
+    The device compares energies, and the host looks at the result at checks only. If a sweep has raised the energy, the
+    sweeps since the last check are done again, and the next ones too, now with a look after each, until all sweeps
+    between two checks lower it.
+
+    Attributes
+    ----------
+    anchor : device function, (n, m)
+        f at the last check.
+    careful : bool
+        Whether the host looks after each sweep.
+    energy : float
+        The energy of f; known if careful.
+    halved : int
+        How many sweeps had been shortened at the last check.
+    """
+
+    anchor: Array
+    careful: bool = False
+    energy: float = math.nan
+    halved: int = 0
 
 
 @door
@@ -115,9 +147,14 @@ class Jacobi(Process[_State]):
             )
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """Return the memory needed: that of the test, residuals and images of the sweeps, and a buffer for the mix."""
+        """Return the memory needed: that of the test and the guard, stored sweeps, and a buffer for the mix."""
         functions, edges = super().keeps(problem)
+        functions += 1 if self._guards(problem.p) else 0
         return functions + (2 * (MEMORY + 1) + 1 if self.accelerate else 0), edges
+
+    def _guards(self, p: float) -> bool:
+        """Return whether sweeps that would raise the energy are shortened."""
+        return p > 2 and (self.damping is None or self.accelerate)
 
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
         """Return the state before the first sweep, from `initial`, (n, m)."""
@@ -129,51 +166,98 @@ class Jacobi(Process[_State]):
         elif theta is None:
             theta = 1.0
         empty = problem.backend.empty(problem.weighted.graph, problem.channels)
-        guarded = problem.p > 2 and (self.damping is None or self.accelerate)
-        energy = problem.energy(initial) if guarded else None
-        anderson = Anderson.of(problem) if self.accelerate else None
+        backend, guard, anderson, numbers = problem.backend, None, None, None
+        if self._guards(problem.p) or self.accelerate:
+            numbers = backend.scalars()
+        if numbers is not None and self._guards(problem.p):
+            anchor = backend.empty(problem.weighted.graph, problem.channels)
+            guard = Guard(backend.copy(problem.weighted.graph, initial, out=anchor))
+            _measure(problem, numbers, 0, initial)
+        if numbers is not None and self.accelerate:
+            anderson = Anderson.of(problem, numbers)
         why = "" if theta == 1 else why
         test, local, g = self.test(problem, initial), problem.p < 1, problem.scratch()
 
-        def sweep(backend: Backend, f: Array, out: Array) -> None:
+        def sweep(backend: Backend, here: tuple[Array, int], there: tuple[Array, int]) -> None:
+            f, out = here[0], there[0]
             backend.sweep(problem.weighted, f, problem.f0, problem.lam, problem.model, theta=theta, g=g, out=out)
+            if guard is not None and numbers is not None:
+                _measure(problem, numbers, there[1], out, backend)
+                backend.watch(numbers, scalars.ENERGIES + there[1], scalars.ENERGIES + here[1])
 
-        turns = in_turns(problem.backend, sweep, initial, empty)
-        return _State(initial, empty, g, test, local, turns, theta, why, energy, anderson)
+        turns = in_turns(backend, sweep, (initial, 0), (empty, 1))
+        return _State(initial, empty, g, test, local, turns, theta, why, numbers, anderson, guard)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
-        """Do one sweep, into the buffer of the second last iterate, or make a mix of the last sweeps."""
-        if state.anderson is None:
-            state.turns[0]()
-        else:  # its buffers are not always the same two
-            self._sweep(problem, state, state.theta)
-        if state.anderson is None and state.energy is None:
+        """Do one sweep, into the buffer of the second last iterate, and every fourth time mix the last sweeps."""
+        if state.guard is not None and state.guard.careful:
+            return self._careful(problem, state)
+        state.turns[0]()
+        if state.numbers is None:
             return changed(state, f=state.previous, previous=state.f, turns=state.turns[::-1])
         anderson = state.anderson
         if anderson is not None:
-            anderson, lower = anderson.after(problem, state.f, state.previous)
-            if lower is not None:
-                mix, anderson = anderson.spare, replace(anderson, spare=state.previous)
-                energy = None if state.energy is None else lower
-                return replace(state, f=mix, previous=state.f, anderson=anderson, energy=energy)
-        energy, halved = state.energy, 0
-        if state.energy is not None:
-            # J(f) - f is a descent direction: a short enough step lowers the energy, up to rounding
-            allowed = state.energy * (1 + 8 * float(np.finfo(problem.backend.dtype).eps))
-            energy = problem.energy(state.previous)
-            while not energy <= allowed and halved < _HALVINGS:
-                halved += 1
-                self._sweep(problem, state, state.theta / 2**halved if halved < _HALVINGS else 0.0)
-                energy = problem.energy(state.previous)
+            anderson = anderson.after(problem, state.f, state.previous, state.at)
+            if state.guard is not None and anderson.since == 0:
+                _measure(problem, state.numbers, 1 - state.at, state.previous)
+        return self._turned(state, anderson=anderson)
+
+    @staticmethod
+    def _turned(state: _State, **changes: Any) -> _State:
+        """Return the state after a sweep, with the iterates swapped."""
         return changed(
             state,
             f=state.previous,
             previous=state.f,
             turns=state.turns[::-1],
-            anderson=anderson,
-            energy=energy,
-            halved=state.halved + (halved > 0),
+            at=1 - state.at,
+            pending=state.pending + 1,
+            **changes,
         )
+
+    def _careful(self, problem: DeviceProblem, state: _State) -> _State:
+        """Do one sweep, shortened until it does not raise the energy."""
+        assert state.guard is not None
+        self._sweep(problem, state, state.theta)
+        # J(f) - f is a descent direction: a short enough step lowers the energy, up to rounding
+        allowed, halved = state.guard.energy * _may_rise(problem), 0
+        energy = problem.energy(state.previous)
+        while not energy <= allowed and halved < _HALVINGS:
+            halved += 1
+            self._sweep(problem, state, state.theta / 2**halved if halved < _HALVINGS else 0.0)
+            energy = problem.energy(state.previous)
+        return self._turned(state, guard=replace(state.guard, energy=energy), halved=state.halved + (halved > 0))
+
+    def settle(self, problem: DeviceProblem, state: _State) -> _State:
+        """Do the sweeps since the last check again, with a look at each, if one of them has raised the energy."""
+        numbers = state.numbers
+        if numbers is None or not state.pending:
+            return state
+        backend, graph, guard = problem.backend, problem.weighted.graph, state.guard
+        values = backend.read(numbers)
+        rejected = int(values[scalars.REJECTED])
+        state = replace(state, mixes=(rejected, rejected + int(values[scalars.ACCEPTED])))
+        if guard is None:
+            return replace(state, pending=0)
+        if guard.careful:
+            if state.halved == guard.halved:
+                _measure(problem, numbers, state.at, state.f)
+                guard = replace(guard, careful=False)
+            else:
+                guard = replace(guard, halved=state.halved)
+        elif not values[scalars.WORST] <= _may_rise(problem):
+            backend.copy(graph, guard.anchor, out=state.f)
+            anderson = None if state.anderson is None else state.anderson.begun_anew()
+            guard = replace(guard, careful=True, energy=problem.energy(state.f))
+            again = replace(state, guard=guard, anderson=anderson, pending=0)
+            for _ in range(state.pending):
+                again = self._careful(problem, again)
+            state = again
+            assert state.guard is not None
+            guard = replace(state.guard, halved=state.halved)
+            backend.begin_scalars(numbers)
+        backend.copy(graph, state.f, out=guard.anchor)
+        return replace(state, guard=guard, pending=0)
 
     @staticmethod
     def _sweep(problem: DeviceProblem, state: _State, theta: float) -> None:
@@ -192,5 +276,16 @@ class Jacobi(Process[_State]):
         """Describe the process, its damping, its mixes, and for p < 1 the kind of result."""
         damped = f", damped by theta = {state.theta:.6g} ({state.why})" if state.why else ""
         shortened = f", {state.halved} sweep(s) shortened so as not to raise the energy" if state.halved else ""
-        mixed = f", {state.anderson.describe()}" if state.anderson is not None else ""
+        mixed = f", {state.anderson.describe(*state.mixes)}" if state.anderson is not None else ""
         return f"Gauss-Jacobi (eq. 25){damped}{shortened}{mixed}{LOCAL if state.local else ''}"
+
+
+def _may_rise(problem: DeviceProblem) -> float:
+    """Return the quotient of two energies up to which a rise is rounding."""
+    return 1 + 8 * float(np.finfo(problem.backend.dtype).eps)
+
+
+def _measure(problem: DeviceProblem, numbers: Numbers, at: int, f: Array, backend: Backend | None = None) -> None:
+    """Compute the energy of an iterate, (n, m), at its place on the device."""
+    to = numbers[scalars.ENERGIES + at]
+    (backend or problem.backend).energy_into(to, problem.weighted, f, problem.f0, problem.lam, problem.model)

@@ -139,6 +139,10 @@ class Solver(ABC, Generic[S]):
     def advance(self, problem: DeviceProblem, state: S) -> S:
         """Do one iteration and return the new state."""
 
+    def settle(self, problem: DeviceProblem, state: S) -> S:
+        """Return the state with what was left to the next check, before anything else at it: here reads are allowed."""
+        return state
+
     def next_check(self, state: S, done: int) -> int:
         """Return the number of iterations at the next check."""
         return done - done % self.check_every + self.check_every
@@ -253,6 +257,7 @@ def run(
     def look() -> Stop | None:
         """Add a check to the course; return why to stop, or None."""
         nonlocal state
+        state = solver.settle(problem, state)
         change = problem.change(state.f, state.previous) if done else math.inf
         energy = problem.energy(state.f)
         expect_finite(backend, done, energy, *([change] if done else []))
@@ -304,7 +309,7 @@ def run(
             return outcome(stop)
         while done < max_iter:
             if update_weights is not None and done and done % update_weights == 0:
-                host = problem.get_function(state.f)
+                host = problem.get_function(solver.settle(problem, state).f)
                 anew = DeviceProblem.put(problem.problem, backend, host)
                 problem, state = anew, solver.start(anew, anew.put_function(host))
             check = min(solver.next_check(state, done), max_iter)
@@ -321,5 +326,6 @@ def run(
             if stop is not None:
                 return outcome(stop)
     except KeyboardInterrupt:
+        state = solver.settle(problem, state)
         return outcome(Stop.INTERRUPTED)
     return outcome(Stop.MAX_ITER)

@@ -2,7 +2,7 @@
  *
  * SLICED: rows of similar lengths. A slice is 32 rows, and edge j of row u is at slices[u / 32] + 32 j + u % 32, so that
  * neighbouring work items read neighbouring numbers. All rows of a slice have room for as many edges as the longest one
- * (SELL-32); a shorter row ends with the index -1. One work item: a vertex.
+ * (SELL-32). One work item: a vertex.
  *
  * TEAM: dense rows, or rows of uneven lengths. A team of TEAM work items has one row, and each of them every TEAM-th
  * edge; COLLECT adds their sums in local memory. The order of the additions depends on the row alone. TEAM divides
@@ -18,8 +18,9 @@
 /* clang-format off */
 #define GRAPH_ARGS                                                                                                    \
     const long n,                      /* number of vertices */                                                       \
-    __global const long *slices,       /* (slices + 1,): where each slice begins */                                   \
-    __global const INDEX *indices,     /* (size,), size = slices[last]; -1 after the end of a row */                  \
+    __global const long *slices,       /* (slices,): where each slice begins */                                       \
+    __global const int *degrees,       /* (n,): the edges of each row */                                              \
+    __global const INDEX *indices,     /* (size,): all places of the slices, also those without an edge */            \
     __global const real *weights,      /* (size,): w with WEIGHTED, gamma with GAMMA */                               \
     __global const long *mirror        /* (size,): the index of (v, u); read with GAMMA, and by adjoint */
 
@@ -27,11 +28,12 @@
     const long u = get_global_id(0); \
     if (u >= n) return;
 
+#define OFFSETS                                                                                                       \
+    for (long e = slices[(ulong)u / SLICE] + (ulong)u % SLICE, last = e + (long)degrees[u] * SLICE; e < last;         \
+         e += SLICE) {
 #define EDGES                                                                                                         \
-    for (long e = slices[u / SLICE] + u % SLICE, last = slices[u / SLICE + 1]; e < last; e += SLICE) {                \
-        const long v = indices[e];                                                                                    \
-        if (v < 0) break;
-#define OFFSETS EDGES
+    OFFSETS                                                                                                           \
+        const long v = indices[e];
 /* clang-format on */
 
 #define COLLECT(x, first, channels)

@@ -5,7 +5,8 @@
  * lam is infinite, as f = f0 there.
  *
  * One work item: some of the vertices, or packs of a row of a grid; sums.cl says which, and how they are added.
- * Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices).
+ * Traffic per vertex with D neighbours: reads D weights, (D + 2) M values and lam (CSR: also D indices); with SUMS 2 M
+ * values, G sums and lam.
  */
 #include "squared_gradient.cl"
 #include "sums.cl"
@@ -15,6 +16,7 @@ __kernel void energy(
     const long segment,        /* vertices or packs of a work item; read without GROUP */
     __global const real *f,    /* M channels */
     __global const real *f0,   /* M channels */
+    __global const real *sums, /* G channels: what SUM_OF_SQUARES gives, read with SUMS in its place */
     __global const real *lams, /* 1 channel; read with LAM_ARRAY */
     const real lam_,           /* read without LAM_ARRAY */
     const real p,
@@ -22,7 +24,9 @@ __kernel void energy(
     /* output */
     __global long_sum *out) /* one part per work item, or per group with GROUP */
 {
+#ifndef SUMS
     const real edge_power = p / 2;
+#endif
     long_sum total = sum_start();
     SEGMENT_BEGIN
         realN here[M], sum[G], fidelity = 0;
@@ -31,7 +35,11 @@ __kernel void energy(
             const realN d = here[c] - LOAD(f0, AT(u, c, M));
             fidelity += d * d;
         }
+#ifdef SUMS
+        for (int c = 0; c < G; ++c) sum[c] = LOAD(sums, AT(u, c, G));
+#else
         SUM_OF_SQUARES
+#endif
 #ifdef LAM_ARRAY
         const realN lam = LOAD(lams, AT(u, 0, 1));
 #else

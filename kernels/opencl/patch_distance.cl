@@ -53,19 +53,19 @@ ALONE __kernel void patch_distance(
 {
     STRIP_PLACE
     if (x0 >= width_) return;
-    realN down[S * WIDE], rho[SPAN];
+    BLOCK_ARRAYS
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
-        if (from < until) SUM_DOWN;
-        for (int y = 0; y < rows; ++y) {
+        BLOCK_OF(k)
+        FOR_ROWS (y, 0, rows) {
             __global weight_t *to = out + weight_guard + ((cell_row + y) * n_offsets + k) * weight_pitch + x0;
             const bool has = from <= y && y < until;
-            if (has) sum_along(down + y * WIDE, profile, rho);
+            if (has) ROW_OF(y)
             int p = 0;
             for (; p < B && x0 + p * N < width_; ++p) {
                 const long u = centre0 + y * padded_pitch + p * N, v = u + ahead;
                 realN w = 0;
-                if (has) w = PRESENT_WEIGHT(WEIGHT(rho[p], k, u, v), u, v, x0 + p * N);
+                if (has) w = PRESENT_WEIGHT(WEIGHT(RHO(y, p), k, u, v), u, v, x0 + p * N);
                 PUT_WEIGHT(to, p * N, w);
             }
             if (x0 + p * N < width_) continue;

@@ -3,8 +3,9 @@
 #define REFLECTED_CL
 static inline int reflected(const int place, const int size)
 {
-    if (size == 1) return 0;
-    const int period = 2 * (size - 1), rest = ((place % period) + period) % period;
-    return min(rest, period - rest);
+    const int period = 2 * (size - 1);
+    int at = abs(place);
+    if (at > period) at = period > 0 ? at % period : 0; /* far beyond the axis: rarely a division */
+    return min(at, period - at);
 }
 #endif

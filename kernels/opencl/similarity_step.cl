@@ -20,10 +20,8 @@
  * 1 + 2 M; with PAIRS per two edges, but twice 1 + 2 M.
  */
 #include "strip.cl"
+#include "quotient.cl"
 
-#ifndef M
-#define M 1
-#endif
 #ifndef REACH
 #define REACH 1 /* PAIRS, SLOTS: largest offset in rows */
 #endif
@@ -42,55 +40,12 @@
 #define SLOT ((S + REACH) * SUMS * SLOT_PITCH) /* numbers in a slot */
 
 /* clang-format off */
-#define FUNCTION_ARGS                                                                                                 \
-    const long pitch,                  /* of functions, in the layout of grid.cl */                                   \
-    const long plane,                                                                                                 \
-    const long guard,                                                                                                 \
-    __global const real *f0,           /* M channels */                                                               \
-    __global const real *lams,         /* 1 channel; read with LAM_ARRAY */                                           \
-    const real lam_,                   /* read without LAM_ARRAY */                                                   \
-    /* output */                                                                                                      \
-    __global real *out                 /* M channels; not f */
-
 #define SLOT_ARGS                                                                                                     \
     const int first,                   /* strip of the launch's first work item */                                    \
     const int blocks,                  /* in a strip */                                                               \
     const int ring                     /* number of strips with slots; strip i has those of i modulo ring */
 /* clang-format on */
 
-/* Write the new value of the pack at x, from half the sums of the weights and of the weighted values. */
-static inline void finish(
-    const realN total,
-    const realN *pull,
-    const int x,
-    const long row,
-    const int width,
-    const long pitch,
-    const long plane,
-    const long guard,
-    __global const real *f0,
-    __global const real *lams,
-    const real lam_,
-    const realN unit,
-    __global real *out)
-{
-    const long u = guard + row * pitch + x;
-#ifdef LAM_ARRAY
-    realN lam = LOAD(lams, u);
-#else
-    realN lam = (realN)(lam_);
-#endif
-#ifdef LARGEST
-    lam = isinf(lam) ? lam : lam * unit;
-#endif
-    const realN denominator = lam + 2 * total;
-    const laneN keeps_data = isinf(lam) || !(denominator > SMALLEST);
-    for (int c = 0; c < M; ++c) {
-        const realN data = LOAD(f0, u + c * plane);
-        const realN moved = (lam * data + 2 * pull[c]) / denominator;
-        STORE(out, u + c * plane, WHERE(x + LANES < width, keeps_data ? data : moved));
-    }
-}
 #define FINISH(total, pull, x, row, unit) \
     finish(total, pull, x, row, width_, pitch, plane, guard, f0, lams, lam_, (realN)(unit), out)
 
@@ -174,23 +129,24 @@ ALONE __kernel void similarity_step(
 #else
 ALONE __kernel void similarity_step(
     STRIP_ARGS,
-    __global const real *f, /* M planes, as the guide's */
+    __global const real *f, /* planes as the guide's */
+    const int channel,      /* the first of the M channels of f, f0 and out */
     FUNCTION_ARGS)
 {
     STRIP_PLACE
     if (x0 >= width_) return;
     realN total[S * B], pull[S * B * M];
     BLOCK_ARRAYS
-    for (int i = 0; i < S * B; ++i) total[i] = 0;
+    UNROLL for (int i = 0; i < S * B; ++i) total[i] = 0;
 #ifdef LARGEST
     realN largest[S * B];
-    for (int i = 0; i < S * B; ++i) largest[i] = 0;
+    UNROLL for (int i = 0; i < S * B; ++i) largest[i] = 0;
 #endif
-    for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
+    UNROLL for (int i = 0; i < S * B * M; ++i) pull[i] = 0;
     for (int k = 0; k < n_offsets; ++k) {
         STRIP_OFFSET(k)
         BLOCK_OF(k)
-        for (int y = from; y < until; ++y) {
+        FOR_ROWS (y, from, until) {
             ROW_OF(y)
 #pragma unroll
             for (int p = 0; p < B; ++p) {
@@ -200,11 +156,14 @@ ALONE __kernel void similarity_step(
 #ifdef LARGEST
                 largest[y * B + p] = fmax(largest[y * B + p], w);
 #endif
-                for (int c = 0; c < M; ++c) pull[(y * B + p) * M + c] += w * LOAD(f, c * padded_plane + v);
+                realN *sums = pull + (y * B + p) * M;
+                UNROLL for (int c = 0; c < M; ++c) sums[c] += w * LOAD(f, (channel + c) * padded_plane + v);
             }
         }
     }
-    for (int y = 0; y < rows; ++y)
+    f0 += channel * plane;
+    out += channel * plane;
+    FOR_ROWS (y, 0, rows)
         for (int p = 0; p < B && x0 + p * N < width_; ++p)
             FINISH(total[y * B + p], pull + (y * B + p) * M, x0 + p * N, cell_row + y, UNIT_OF_LAM(y * B + p));
 }

@@ -8,8 +8,8 @@
  * A block is S rows, along the next-to-last axis, of B packs of N neighbouring cells. For one offset, `sum_down` passes
  * each column of packs with the last rows in registers, and writes the sums down the patches to `down`; `sum_along`
  * turns a row of `down` into distances. FLAT, g = 1: a sum of 2 R + 1 rows is composed of sums of 1, 2, 4 and 8 rows,
- * each one addition of two sums of half the length. Otherwise each row has a weight: 2 R + 1 multiply-adds. On a GPU
- * N = B = 1.
+ * each one addition of two sums of half the length. Otherwise each row has a weight: 2 R + 1 multiply-adds.
+ * UNROLLED, on a GPU: see strip_unrolled.cl.
  *
  * f is one plane of cells per channel, padded by the radius of the patch (numpy's "reflect") and, along a row, by zeros
  * on both sides for the reach of the window and a block: reads need no check of the border, and edges across it get
@@ -145,6 +145,51 @@ static inline realN squares(
 }
 #define SQUARES(at) squares(at, ahead, padded_plane, n_lines, lines, line_weights)
 
+/* The weights from distances; `scale` is negative. */
+static inline realN similarity(realN rho, const real spatial, const real shift, const real scale, const real cut)
+{
+#ifdef SHIFTED_DISTANCE
+    rho = fmax(rho - shift, (realN)(0));
+#endif
+    realN w = exp2_scaled(rho, scale);
+#ifdef CUT
+    w = WHERE(w >= cut, w);
+#endif
+#ifdef SPATIAL
+    return spatial * w;
+#else
+    return w;
+#endif
+}
+
+/* The weights of a pack at u and its neighbours at v, indices in a padded plane, for offset k. */
+#ifdef MAPS
+#define SIMILARITY_AT(rho, k, u, v)                                            \
+    similarity(                                                                \
+        fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0)) *    \
+            (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), \
+        spatial[k], 0, scale, cut)
+#else
+#define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale, cut)
+#endif
+
+/* w, or 0 where an end is outside the grid or the mask; u, v: indices in a padded plane, x: the column of u. */
+#ifdef MASKED
+#define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
+#else
+#define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
+#endif
+
+/* A kernel declares BLOCK_ARRAYS; for offset k it uses BLOCK_OF once, ROW_OF for each row of the block with neighbours,
+ * and then RHO, the distance of pack p in row y, or if it does not store its weights WEIGHT_OF. FOR_ROWS is a loop over
+ * the rows first <= y < last of a block; UNROLL stands before other loops over arrays. */
+#ifdef UNROLLED
+#include "strip_unrolled.cl"
+#else
+#define UNROLL
+#define FOR_ROWS(y, first, last) for (int y = (first); y < (last); ++y)
+#define RHO(y, p) rho[p]
+
 /* The sum of the last 2 R + 1 rows, from sums of 1, 2, 4 and 8 rows; SUMn(l) has the n rows up to the one l rows before
  * the last. */
 #ifdef FLAT
@@ -247,44 +292,8 @@ static inline void sum_along(const realN *c, __global const real *profile, realN
     }
 }
 
-/* The weights from distances; `scale` is negative. */
-static inline realN similarity(realN rho, const real spatial, const real shift, const real scale, const real cut)
-{
-#ifdef SHIFTED_DISTANCE
-    rho = fmax(rho - shift, (realN)(0));
-#endif
-    realN w = exp2_scaled(rho, scale);
-#ifdef CUT
-    w = WHERE(w >= cut, w);
-#endif
-#ifdef SPATIAL
-    return spatial * w;
-#else
-    return w;
-#endif
-}
-
-/* The weights of a pack at u and its neighbours at v, indices in a padded plane, for offset k. */
-#ifdef MAPS
-#define SIMILARITY_AT(rho, k, u, v)                                            \
-    similarity(                                                                \
-        fmax((rho) - shift - (LOAD(maps, u) + LOAD(maps, v)), (realN)(0)) *    \
-            (LOAD(maps, padded_plane + (u)) * LOAD(maps, padded_plane + (v))), \
-        spatial[k], 0, scale, cut)
-#else
-#define SIMILARITY_AT(rho, k, u, v) similarity(rho, spatial[k], shift, scale, cut)
-#endif
-
-/* w, or 0 where an end is outside the grid or the mask; u, v: indices in a padded plane, x: the column of u. */
-#ifdef MASKED
-#define PRESENT_WEIGHT(w, u, v, x) WHERE(ON_ROW(x) && LOAD(inside, u) > 0 && LOAD(inside, v) > 0, w)
-#else
-#define PRESENT_WEIGHT(w, u, v, x) (leaves ? WHERE(ON_ROW(x) && ON_ROW((x) + dx), w) : (w))
-#endif
-
-/* For a kernel that does not store its weights, for offset k: use BLOCK_OF once, ROW_OF for each row of the block with
- * neighbours, WEIGHT_OF for each pack. With A, the weights of A rows and cells around the block are computed too, and
- * summed along the rows; WEIGHT_OF sums them down the columns. */
+/* With A, the weights of A rows and cells around the block are computed too, and summed along the rows; WEIGHT_OF sums
+ * them down the columns. */
 #if A > 0
 #define BLOCK_ARRAYS realN down[(S + 2 * A) * WIDE], rho[SPAN], single[SPAN], across[(S + 2 * A) * B];
 #define BLOCK_OF(k)                                                                                                   \
@@ -322,7 +331,8 @@ static inline realN sum_across(const realN *across)
 #define BLOCK_OF(k) \
     if (from < until) SUM_DOWN;
 #define ROW_OF(y) sum_along(down + (y) * WIDE, profile, rho);
-#define WEIGHT_OF(k, y, p, u, v) SIMILARITY_AT(rho[p], k, u, v)
+#define WEIGHT_OF(k, y, p, u, v) SIMILARITY_AT(RHO(y, p), k, u, v)
+#endif
 #endif
 
 #endif

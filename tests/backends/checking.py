@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 from guards import guarded
 from primitives import (
     COLUMN,
@@ -31,6 +30,15 @@ from problems import oracle
 from gpureg import backends
 from gpureg.backends import BackendUnavailable
 
+if TYPE_CHECKING:
+    import pytest
+
+
+def _skip(reason: str) -> None:
+    import pytest  # here, as the benchmark compares without it
+
+    pytest.skip(reason)
+
 
 def on(device: str, dtype: str = "float32") -> Any:
     """The backend of a device in one type; devices without float64 skip it."""
@@ -38,7 +46,7 @@ def on(device: str, dtype: str = "float32") -> Any:
         return backends.get(device, dtype)
     except BackendUnavailable as error:
         assert dtype == "float64", error
-        pytest.skip(str(error))
+        _skip(str(error))
 
 
 def nan(backend: Any, graph: Any, channels: int) -> Any:
@@ -49,7 +57,7 @@ def nan(backend: Any, graph: Any, channels: int) -> Any:
 def as_gpu(device: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The backend as it treats a GPU: one cell a thread; numpy has no such way."""
     if device.startswith("numpy"):
-        pytest.skip("numpy has no other way for a GPU")
+        _skip("numpy has no other way for a GPU")
     backend = backends.get(device, dtype)
     if backend.name == "warp":
         from gpureg.backends.warp import patches as warp_patches

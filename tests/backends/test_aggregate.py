@@ -98,18 +98,15 @@ def test_half_weights_are_averaged_too(device):
 @pytest.mark.one_driver
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(("channels", "radius"), [(1, 1), (3, 1), (1, 2)])
-@pytest.mark.parametrize(("gpu", "lam"), [(False, 0.0), (False, 1.5), (True, 1.5)])
-def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, radius, masked, gpu, lam):
+@pytest.mark.parametrize("lam", [0.0, 1.5])
+def test_averaged_weights_are_averaged_patches(device, channels, radius, masked, lam):
     """The step whose weights are sums over patches: what `aggregate` gives with shares of 1, divided by its own sum.
 
     Some 120 x 25 positive terms a sum, on values of size 1, in another order: 2 x 3000 roundings at the very most, and
     far fewer as they grow like a random walk (measured: 4e-7).
     """
     backend = backends.get(device)
-    if not backend.averages:
-        pytest.skip("sums of weights that are not stored are OpenCL's")
-    if gpu:
-        backend = as_gpu(device, "float32", monkeypatch)
+    assert backend.averages
     mask = cases.rng(5).random((37, 53)) < 0.85 if masked else None
     grid = GridGraph((37, 53), 5, "euclidean", mask=mask)
     f, form = cases.function(grid, channels), PatchCase("", radius=2, scale=2.0, spatial=True).form(grid)
@@ -122,9 +119,8 @@ def test_averaged_weights_are_averaged_patches(monkeypatch, device, channels, ra
     sums = backend.get(grid, backend.aggregate(weighted, *(backend.put(grid, x) for x in args), radius))
     known = inside[:, 0] > 0
     assert_allclose(fused[known], sums[known, :-1] / sums[known, -1:], rtol=0, atol=5e-6)
-    if not gpu:
-        plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
-        assert np.abs(plain - fused)[known].max() > 1e-3
+    plain = backend.get(grid, backend.similarity_step(grid, f, form, backend.put(grid, f), lam))
+    assert np.abs(plain - fused)[known].max() > 1e-3
 
 
 def test_only_stored_weights_of_a_grid(device):

@@ -10,11 +10,12 @@ from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
-PARTS |= {"total"}  # the second stage of a long sum
+PARTS |= {"total", "scalars"}  # the second stage of a long sum, computations with its results
 # Parts of one language alone; kernels/README.md says why.
 OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
+OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
-GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "sweep_gpu"}
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "sweep_gpu", "similarity_step_gpu"}
 # The same primitive for a GPU, in both languages.
 BOTH_GPU = {"influence_zones_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.

@@ -80,11 +80,11 @@ MUTATIONS = [
         dual("test_duality_gap", False, 1.5),
     ),
     (
-        Mutation("patch_distance", "_similarity", "np.maximum(kept, 0) * form.scale", "np.maximum(kept, 0)"),
+        Mutation("patch_distance", "_similarity", "kept *= self.real(-form.scale)", "kept *= self.real(-1)"),
         patches("test_patch_distance_and_w2", "small grid", 1, 1, None, True),
     ),
     (
-        Mutation("patch_distance", "_patch_distance", "zip(profile, slabs", "zip(profile**2, slabs"),
+        Mutation("patch_distance", "patches:_along", "zip(profile[1:], slabs", "zip(profile[1:] ** 2, slabs"),
         patches("test_patch_distance_and_w2", "small grid", 1, 2, 0.75, False),
     ),
     (

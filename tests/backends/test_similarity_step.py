@@ -17,12 +17,11 @@ from problems import PatchCase, PatchKind
 from gpureg import backends
 from gpureg.graphs.grid import GridGraph
 
-# What a GPU takes in another way than a CPU, tried by pretending.
+# What a GPU takes in another way than a CPU, without tiles (test_patch_tiles.py), tried by pretending.
 NARROW = (
-    PatchKind(PatchCase("grid", channels=3, radius=3, gaussian=True, shift=0.03, scale=8.0), lam="array"),
-    PatchKind(PatchCase("grid", radius=2, scale=0.5), "float64", "array"),
-    PatchKind(PatchCase("narrow", radius=4, scale=0.01)),
-    PatchKind(PatchCase("volume", radius=1, gaussian=True, scale=4.0), lam="array"),
+    PatchKind(PatchCase("row", radius=4, scale=0.1), lam="array"),
+    PatchKind(PatchCase("small masked", radius=9, scale=0.002, maps=True), "float64"),
+    PatchKind(PatchCase("volume", channels=6, radius=1, gaussian=True, scale=4.0), lam="array"),
 )
 LARGEST = (
     (PatchCase("grid", radius=2, scale=0.5, shift=0.125, spatial=True), "number"),

@@ -20,7 +20,8 @@ OTHERS = {
     *("put", "get", "empty", "put_edges", "get_edges", "empty_edges", "channels"),
     *("prepare", "prepare_gamma", "get_weights", "conductances", "copy", "finish"),
     *("numbers", "read", "max_change_into", "dot_into", "energy_into", "duality_gap_into"),  # test_sums.py
-    *("cosines", "cosine_solve", "overwrite", "record"),  # test_cosines.py, test_recorded.py
+    *("scalars", "begin_scalars", "watch", "mix_coefficients", "judge_mix"),  # test_scalars.py
+    *("cosines", "cosine_solve", "overwrite", "record", "release"),  # test_cosines.py, test_recorded.py
     *("on_device", "on_host", "put_cells", "get_cells", "blur", "mix"),  # cells, not functions on a graph
 }
 

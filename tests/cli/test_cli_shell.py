@@ -17,6 +17,7 @@ from PIL import Image
 from refusing import WITHOUT_DEVICES
 
 import gpureg
+from gpureg import backends
 from gpureg.cli import main
 from gpureg.files.pictures import Picture, write_picture
 
@@ -27,6 +28,15 @@ def test_backends():
     assert [heading for heading in headings if heading not in lines[0]] == []
     assert any(line.split()[0] == "numpy" or line.split()[:2] == ["*", "numpy"] for line in lines if line.split())
     assert sum(line.startswith("*") for line in lines[1:]) == 2, "the device auto takes, and the sentence that says why"
+
+
+def test_backends_say_why_a_device_is_left_out(monkeypatch):
+    unfit = backends.LeftOut("numpy:1", "an old one", "its driver does not answer (Error: -30)")
+    monkeypatch.setattr(backends, "left_out", lambda: [unfit])
+    assert "  numpy:1 (an old one): its driver does not answer (Error: -30)" in done(call("backends")).splitlines()
+    assert json.loads(done(call("backends", "--json")))["left_out"] == [
+        {"id": "numpy:1", "device": "an old one", "reason": "its driver does not answer (Error: -30)"}
+    ]
 
 
 def test_backends_json():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import cases
-import pytest
 import rows  # noqa: F401, fills ROWS
 from checking import check, on
 from primitives import ROWS
@@ -39,7 +38,7 @@ FAMILIES = [
     ([PatchKind(PatchCase("small csr of grid", radius=1, scale=0.5))], ("patch_distance",)),
 ]
 PAIRS = [(kind, name) for kinds, names in FAMILIES for kind in kinds for name in names]
-pairs = pytest.mark.parametrize(("kind", "name"), PAIRS, ids=[f"{name}-{kind.id}" for kind, name in PAIRS])
+IDS = [f"{name}-{kind.id}" for kind, name in PAIRS]
 
 
 def hold(device: str, kind: Kind | PatchKind, name: str) -> None:

@@ -11,6 +11,8 @@ import importlib
 import re
 from typing import Any
 
+from gpureg.backends import Device
+
 # What `--as-gpu` takes: with float64, or without it and with subnormal numbers flushed to 0, as OpenCL allows a device.
 KINDS = ("double", "single")
 _FLUSHED = "-cl-denorms-are-zero"
@@ -63,7 +65,16 @@ class _NoCpu(str):
 
     alias = property(str)
     is_cpu = is_cuda = False
-    is_mempool_enabled = False
+
+
+def _one_thread_a_block() -> None:
+    """A CPU runs one thread of each block: what works together by 32 or 256 threads, one thread does alone here."""
+    from gpureg.kernels.warp import total
+
+    from gpureg.backends.warp.groups import WarpGroups
+
+    total.GROUP = 1
+    WarpGroups._team = lambda self: (1, 1, False)
 
 
 def _as_gpu(device: Any, *, float64: bool) -> Any:
@@ -83,11 +94,16 @@ def pretend(kind: str) -> None:
             module = importlib.import_module(f"gpureg.backends.{name}.primitives")
         except ImportError:  # the backend is not installed
             continue
-        (_record_programs if name == "opencl" else _record_modules)()
+        if name == "opencl":
+            _record_programs()
+        else:
+            _record_modules()
+            _one_thread_a_block()
         devices, make = module.devices, module.make
 
         def as_gpus(devices: Any = devices) -> list[Any]:
-            return [_as_gpu(device, float64=kind == "double") for device in devices()]
+            found = devices()
+            return [_as_gpu(one, float64=kind == "double") if isinstance(one, Device) else one for one in found]
 
         def flushed(device: Any, dtype: Any, make: Any = make) -> Any:
             backend = make(device, dtype)

@@ -7,6 +7,8 @@ import pytest
 from small_passes import with_small_passes
 
 import gpureg as gr
+from gpureg import backends
+from gpureg.backends import failures
 from gpureg.images import parts
 from gpureg.images.raster import Raster
 
@@ -58,3 +60,44 @@ def test_what_sees_the_whole_is_not_cut():
     filters = gr.plan_denoising(np.zeros((30, 30)), sigma=1.0)
     with pytest.raises(MemoryError, match=r"give more memory, or use a smaller window"):
         parts.tiles_of(filters, (30, 30), 1, **kinds)
+
+
+@pytest.mark.parametrize("name", ["grey", "colour", "map"])
+def test_halves_where_the_memory_of_the_device_runs_out(monkeypatch, name):
+    """The search for groups has room for half of the image only; the filter before it for all."""
+    _, axis, choice = CASES[name]
+    shape = (200, 50) if axis is None else (200, 50, 3)
+    rng = np.random.default_rng(3)
+    image = rng.normal(100, 20, shape).astype(np.float32)
+    choice = {"sigma": 20.0} | choice
+    if isinstance(choice["sigma"], str):
+        choice["sigma"] = rng.uniform(15, 25, shape[:2])
+    plan = with_small_passes(gr.plan_denoising(image, channel_axis=axis, **choice))
+    raster = Raster.of(image, axis, None)
+    whole = parts.run_in_parts(plan, raster, backend="numpy")
+    backend, refused = backends.get("numpy"), []
+    search = backend.patch_groups
+
+    def limited(grid, *args, **options):
+        if grid.n_vertices > 0.8 * 200 * 50:
+            refused.append(grid.shape)
+            raise failures.out_of_memory("a device", "no room")
+        return search(grid, *args, **options)
+
+    monkeypatch.setattr(backend, "patch_groups", limited)
+    with pytest.warns(UserWarning, match="the memory of numpy ran out"):
+        found = parts.run_in_parts(plan, raster, backend="numpy")
+    assert refused == [(200, 50)]
+    np.testing.assert_array_equal(found.value, whole.value)
+    assert "halved once as the memory of numpy ran out." in found.method
+
+
+def test_no_room_for_a_small_part(monkeypatch):
+    image = np.random.default_rng(3).normal(100, 20, (20, 20))
+
+    def full(*args, **options):
+        raise failures.out_of_memory("a device", "no room")
+
+    monkeypatch.setattr(backends.get("numpy"), "patch_groups", full)
+    with pytest.raises(MemoryError, match=r"no room.*A part of the image is hardly smaller than the image"):
+        gr.denoise_image(image, sigma=20.0, passes=2, backend="numpy")

@@ -51,7 +51,7 @@ def test_parameters_prints_what_it_says(tmp_path: Path) -> None:
 
 def test_arrays_prints_what_it_says(tmp_path: Path) -> None:
     ran = _run("arrays.md", tmp_path, "torch", "warp", "pyopencl")
-    assert len(ran) == 4
+    assert len(ran) == 5
     assert pages.differing(ran, 0) == []
 
 

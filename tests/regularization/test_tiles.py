@@ -289,7 +289,7 @@ def test_a_window_as_wide_as_the_grid_takes_what_is_allowed(monkeypatch: pytest.
     image = picture(1, (7, 6, 5))[..., 0]
     call = {"sigma_value": 0.3, "radius": 6, "border": "nearest", "backend": "numpy"}
     whole = gr.denoise_bilateral(image, **call)
-    monkeypatch.setattr(sweep, "_STEP_BYTES", 1 << 20)
+    monkeypatch.setattr(sweep, "_STEP_BYTES", 1 << 16)
     assert np.array_equal(gr.denoise_bilateral(image, **call), whole)
     with pytest.raises(MemoryError, match="even a tile of one row"):
-        gr.denoise_bilateral(image, memory=1 << 20, **call)
+        gr.denoise_bilateral(image, memory=1 << 16, **call)

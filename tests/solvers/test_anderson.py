@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gpureg as gr
-from gpureg.solvers import anderson
+from gpureg.backends.numpy import scalars
 
 ORACLE = {"backend": "numpy", "dtype": np.float64}
 FAST = gr.Jacobi(accelerate=True)
@@ -58,7 +58,7 @@ def test_a_mix_that_raises_the_energy_is_rejected(monkeypatch: pytest.MonkeyPatc
     f0 = picture()
     model = {"p": 1, "lam": 5, "max_iter": 25, **ORACLE}
     plain = gr.regularize(f0, g0(f0.shape), **model)
-    monkeypatch.setattr(anderson, "coefficients", lambda gram, products: np.full(len(products), 1e3))
+    monkeypatch.setattr(scalars, "coefficients", lambda gram, products, ridge: np.full(len(products), 1e3))
     result = gr.regularize(f0, g0(f0.shape), solver=FAST, **model)
     assert np.array_equal(result.value, plain.value)
     assert np.array_equal(result.energy, plain.energy)
@@ -67,7 +67,7 @@ def test_a_mix_that_raises_the_energy_is_rejected(monkeypatch: pytest.MonkeyPatc
 
 def test_values_that_are_not_finite_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     f0 = picture()
-    monkeypatch.setattr(anderson, "coefficients", lambda gram, products: np.full(len(products), np.nan))
+    monkeypatch.setattr(scalars, "coefficients", lambda gram, products, ridge: np.full(len(products), np.nan))
     result = gr.regularize(f0, g0(f0.shape), p=1, lam=5, max_iter=16, solver=FAST, **ORACLE)
     assert np.isfinite(result.value).all()
     assert "3 of 3 mixes rejected" in result.method
@@ -146,15 +146,15 @@ def test_an_interruption_keeps_the_last_whole_iterate(monkeypatch: pytest.Monkey
     f0 = picture()
     model = {"p": 1, "lam": 5, "solver": FAST, **ORACLE}
     fifteen = gr.regularize(f0, g0(f0.shape), max_iter=15, **model)
-    found, calls = anderson.coefficients, []
+    found, calls = scalars.coefficients, []
 
-    def pressed(gram: np.ndarray, products: np.ndarray) -> np.ndarray:
+    def pressed(gram: np.ndarray, products: np.ndarray, ridge: float) -> np.ndarray:
         calls.append(1)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return found(gram, products)
+        return found(gram, products, ridge)
 
-    monkeypatch.setattr(anderson, "coefficients", pressed)
+    monkeypatch.setattr(scalars, "coefficients", pressed)
     with pytest.raises(gr.Interrupted) as caught:
         gr.regularize(f0, g0(f0.shape), max_iter=100, **model)
     assert caught.value.result.iterations == 15
@@ -178,9 +178,9 @@ def test_coefficients_are_those_of_least_squares() -> None:
     exact = np.linalg.lstsq(R, r, rcond=None)[0] / lengths
     R = R * lengths
     # of the ridge: 4e-12 times the condition number of the normal equations, some tens
-    np.testing.assert_allclose(anderson.coefficients(R.T @ R, R.T @ r), exact, rtol=1e-9)
+    np.testing.assert_allclose(scalars.coefficients(R.T @ R, R.T @ r, 1e-12), exact, rtol=1e-9)
     wider = np.column_stack([R, R[:, 0], np.zeros(50)])
-    found = anderson.coefficients(wider.T @ wider, wider.T @ r)
+    found = scalars.coefficients(wider.T @ wider, wider.T @ r, 1e-12)
     assert found[-1] == 0
     np.testing.assert_allclose(wider @ found, R @ exact, rtol=0, atol=1e-9)
 

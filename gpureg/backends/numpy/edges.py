@@ -224,6 +224,18 @@ class NumpyGraph(Backend):
         """Broadcast a number or a function to one value per vertex, (n, 1)."""
         return np.broadcast_to(np.asarray(number, self.dtype).reshape(-1, 1), (n, 1))
 
+    def _keeps(self, lam: float | Array, total: FloatArray) -> npt.NDArray[np.bool_]:
+        """Return where a step keeps the data: lam is infinite, or it and the sums of the weights are about 0."""
+        column = self._column(lam, len(total))
+        return np.isinf(column) | ~(column + total > (1e-290 if self.dtype == np.float64 else 1e-30))
+
+    def _moved(self, f0: Array, lam: float | Array, total: FloatArray, sums: FloatArray) -> FloatArray:
+        """Return the whole step of eq. 25 from the sums of alpha and of beta f around each vertex."""
+        keeps, lam = self._keeps(lam, total), self._column(lam, len(total))
+        finite = np.where(np.isinf(lam), 0, lam)
+        moved: FloatArray = np.where(keeps, f0, (finite * f0 + sums) / np.where(keeps, 1, finite + total))
+        return moved
+
     def _squared_gradient(
         self, weighted: Weighted, f: FloatArray, coupled: bool, eps2: Any, edge_power: float | None = None
     ) -> FloatArray:

@@ -62,19 +62,19 @@ class NumpyGroups(GroupPrimitives):
         total, count = np.zeros((channels, size), self.dtype), np.zeros(size, self.dtype)
         for band in _bands(len(references), form.cells * (4 * form.most + 2 * form.cells)):
             sizes = groups.sizes[filled[band]]
-            used = np.arange(form.most) < sizes[:, None]
+            most = int(sizes.max())
+            used = np.arange(most) < sizes[:, None]
             # (groups, members, cells) indices in a padded plane; the reference where there is no member
-            where = (centres[band, None] + steps[groups.members[filled[band]]] * used)[..., None] + cells
+            where = (centres[band, None] + steps[groups.members[filled[band], :most]] * used)[..., None] + cells
             present = used[..., None].astype(self.dtype)
             n = sizes[:, None].astype(self.dtype)
             diagonal = np.full((len(n), form.cells), self.real(0 if noise is not None else variance))
             if noise is not None:
                 diagonal = (noise[where] * present).sum(axis=1) / n
             covers = where[used].ravel()
-            # one after the other, so that parts of a grid give the same bits
-            np.add.at(count, covers, 1)
+            count += np.bincount(covers, minlength=size).astype(self.dtype)
             for c in range(channels):
-                a, b = noisy[c].ravel()[where], pilot[c].ravel()[where]
+                a, b = noisy[c].ravel().take(where), pilot[c].ravel().take(where)
                 a = (a - ((a * present).sum(axis=1) / n)[:, None]) * present
                 b = (b - ((b * present).sum(axis=1) / n)[:, None]) * present
                 matrix = b.swapaxes(1, 2) @ b / np.maximum(n - 1, 1)[..., None]
@@ -86,6 +86,7 @@ class NumpyGroups(GroupPrimitives):
                 # a solution, not an inverse, whose rounding errors would be those of the large values of a
                 change = np.linalg.solve(matrix, a.swapaxes(1, 2)).swapaxes(1, 2) * diagonal[:, None, :]
                 change[singular] = (noisy[c] - pilot[c]).ravel()[where[singular]]
+                # one after the other, so that parts of a grid give the same bits
                 np.add.at(total[c], covers, change[used].ravel())
         change = np.divide(total, count, out=noisy.reshape(channels, -1) - pilot.reshape(channels, -1), where=count > 0)
         value = (noisy.reshape(channels, -1) - change).reshape(noisy.shape)
@@ -103,9 +104,9 @@ def _distances(
     Infinity for places outside the grid or its mask.
     """
     first, last = int(lattice[0][0]), int(lattice[0][-1]) + 2 * form.patch[0] + 1
-    count = math.prod(map(len, lattice))
-    distance = np.full((count, form.places), np.inf, planes.dtype)
+    distance = np.full((form.places, math.prod(map(len, lattice))), np.inf, planes.dtype)
     own = planes[:, first:last]
+    squares = np.empty_like(own)
     for place, offset in enumerate(form.offsets()):
         there = [at + step for at, step in zip(lattice, offset, strict=True)]
         inside = functools.reduce(
@@ -119,12 +120,18 @@ def _distances(
         begin = [w + int(step) for w, step in zip(form.window, offset, strict=True)]
         begin[0] += first
         box = [slice(start, start + size) for start, size in zip(begin, own.shape[1:], strict=True)]
-        total = ((wide[:, *box] - own) ** 2).sum(axis=0)
-        for axis in range(graph.ndim - 1, -1, -1):
-            at = lattice[axis] - (first if axis == 0 else 0)
-            total = sum((total.take(at + j, axis) for j in range(1, 2 * form.patch[axis] + 1)), total.take(at, axis))
-        distance[:, place] = np.where(inside, total, np.inf).ravel()
-    return distance
+        np.subtract(wide[:, *box], own, out=squares)
+        np.multiply(squares, squares, out=squares)
+        total: FloatArray = squares[0] if len(squares) == 1 else squares.sum(axis=0)
+        # along the first axis first, whose rows are contiguous
+        for axis, at in enumerate(lattice):
+            cells = at - (first if axis == 0 else 0)
+            patch = total.take(cells, axis)
+            for j in range(1, 2 * form.patch[axis] + 1):
+                patch += total.take(cells + j, axis)
+            total = patch
+        distance[place] = np.where(inside, total, np.inf).ravel()
+    return np.ascontiguousarray(distance.T)
 
 
 def _members(

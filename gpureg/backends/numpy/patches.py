@@ -32,19 +32,12 @@ class NumpyPatches(NumpyGraph):
 
     def _patch_distance(self, graph: AnyGraph, f: FloatArray, form: PatchForm) -> Weighted:
         padded, sites = padded_for_patches(graph, f.astype(self.dtype), form.radius)
-        profile = form.profile.astype(self.dtype)
         if isinstance(graph, GridGraph):
             weights = np.zeros((graph.half_window, *graph.shape), self.dtype)
-            around = GridGraph(padded.shape[1:])
             for h, step in enumerate(graph.forward_offsets):
-                start, end = around.ends(step)
-                rho: FloatArray = ((padded[:, *end] - padded[:, *start]) ** 2).sum(axis=0)
-                for axis in range(graph.ndim):
-                    length = rho.shape[axis] - len(profile) + 1
-                    slabs = (rho.take(range(j, j + length), axis) for j in range(len(profile)))
-                    rho = sum((g * slab for g, slab in zip(profile, slabs, strict=True)), np.zeros((), self.dtype))
-                spatial = 1.0 if form.spatial is None else float(form.spatial[h])
                 inside, there = graph.ends(step)
+                rho = self._rho(padded, form, inside, there)
+                spatial = 1.0 if form.spatial is None else float(form.spatial[h])
                 maps = [] if form.maps is None else [form.maps.reshape(*graph.shape, 2)[at] for at in (inside, there)]
                 weights[h][inside] = self._similarity(rho, form, spatial, *maps)
             if graph.mask is not None:
@@ -66,16 +59,33 @@ class NumpyPatches(NumpyGraph):
             weights[edges] = self._similarity(rho, form, factor, *maps)
         return Weighted(graph, None, weights)
 
+    def _rho(
+        self, padded: FloatArray, form: PatchForm, here: tuple[slice, ...], there: tuple[slice, ...]
+    ) -> FloatArray:
+        """Compute the distances of the patches of cells of a grid, given as slices; `padded` has its channels first."""
+        side = len(form.profile) - 1
+        own, other = (padded[:, *(slice(at.start, at.stop + side) for at in box)] for box in (here, there))
+        difference = other - own
+        difference *= difference
+        rho: FloatArray = difference[0] if len(difference) == 1 else difference.sum(axis=0)
+        for axis in range(rho.ndim):
+            rho = _along(rho, axis, form.profile.astype(self.dtype))
+        return rho
+
     def _similarity(self, rho: FloatArray, form: PatchForm, spatial: Any, *maps: FloatArray) -> FloatArray:
         """Compute weights from distances; `maps` are those of both ends."""
         if form.scale is None:
             return rho
-        kept = rho - form.shift
+        kept = rho - self.real(form.shift)
         if maps:
             at_u, at_v = (x.astype(self.dtype) for x in maps)
             kept = np.maximum(kept - (at_u[..., 0] + at_v[..., 0]), 0) * (at_u[..., 1] * at_v[..., 1])
-        near = np.exp(-np.maximum(kept, 0) * form.scale)
-        similarity: FloatArray = spatial * np.where(near < form.cut, 0, near)
+        np.maximum(kept, 0, out=kept)
+        kept *= self.real(-form.scale)
+        near = np.exp(kept, out=kept)
+        if form.cut:
+            near[near < form.cut] = 0
+        similarity: FloatArray = near if isinstance(spatial, float) and spatial == 1 else spatial * near
         return similarity.astype(self.dtype, copy=False)
 
     def _aggregate(self, weighted: Weighted, f: Array, share: Array, centre: Array, radius: int, out: Array) -> None:
@@ -91,3 +101,14 @@ class NumpyPatches(NumpyGraph):
                 given[here] = w * shares[here]
                 total[here] += over_patches(given, radius)[here][..., None] * values[there]
         out[...] = total.reshape(f.shape)
+
+
+def _along(x: FloatArray, axis: int, profile: FloatArray) -> FloatArray:
+    """Sum the cells of patches along an axis, with the weights of the profile; what sticks out is left out."""
+    length = x.shape[axis] - len(profile) + 1
+    slabs = [x[(slice(None),) * axis + (slice(j, j + length),)] for j in range(len(profile))]
+    flat = bool((profile == 1).all())
+    total: FloatArray = profile[0] * slabs[0]
+    for g, slab in zip(profile[1:], slabs[1:], strict=True):
+        total += slab if flat else g * slab
+    return total

@@ -19,8 +19,8 @@ from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .edges import Edges, conductance_of, raised
 from .groups import NumpyGroups
-from .patches import NumpyPatches
-from .sums import NumpySums
+from .scalars import NumpyScalars
+from .similarity import NumpySimilarity
 from .zones import NumpyZones
 
 TIER = 4
@@ -36,7 +36,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpySums, NumpyGroups, NumpyPatches, NumpyZones):
+class NumpyBackend(NumpyScalars, NumpyGroups, NumpySimilarity, NumpyZones):
     """The primitives in numpy."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
@@ -116,14 +116,8 @@ class NumpyBackend(NumpySums, NumpyGroups, NumpyPatches, NumpyZones):
         else:
             norms = 1 if g is None else g.shape[1]
         total, sums = self._gather(weighted, (norms, f.shape[1]), terms, functions)
-        lam = self._column(lam, len(f))
-        pinned = np.isinf(lam)
-        denominator = np.where(pinned, 0, lam) + total
-        keeps_data = pinned | ~(denominator > (1e-290 if self.dtype == np.float64 else 1e-30))
-        moved = (np.where(pinned, 0, lam) * f0 + sums) / np.where(keeps_data, 1, denominator)
-        if theta != 1:
-            moved = f + self.real(theta) * (moved - f)
-        out[...] = np.where(keeps_data, f0, moved)
+        moved = self._moved(f0, lam, total, sums)
+        out[...] = moved if theta == 1 else np.where(self._keeps(lam, total), f0, f + self.real(theta) * (moved - f))
 
     def _euler_step(
         self,

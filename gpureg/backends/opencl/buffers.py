@@ -246,7 +246,9 @@ class OpenCLBuffers(Backend):
         return free_memory(self.device)
 
     def topology_bytes(self, graph: AnyGraph) -> int:
-        return 0 if isinstance(graph, GridGraph) else graph.indptr.nbytes + graph.indices.nbytes
+        if isinstance(graph, GridGraph):
+            return 0
+        return graph.indptr.nbytes + self._geometry(graph).weight_size() * graph.indices.itemsize
 
     def function_bytes(self, graph: AnyGraph, channels: int) -> int:
         return self._geometry(graph).size(channels) * self.dtype.itemsize

@@ -33,7 +33,7 @@ _MIRRORED = ("adjoint", "primal", "duality_gap")
 
 # Primitives without neighbours. On a GPU a work item reads 16 bytes at once: cores have 2048 work items at most, and
 # with 4 bytes for each the reads under way would not use all of the bandwidth.
-_STREAMS = ("dot", "combine", "max_change")
+_STREAMS = ("dot", "combine", "max_change", "mix")
 
 # Work items of a group on a GPU.
 _GPU_GROUP = 64
@@ -177,7 +177,8 @@ class OpenCLLaunches(OpenCLBuffers):
         self._launch(primitive, options, args, size, local)
 
     def _strips(self, graph: GridGraph, form: PatchForm, sums: int) -> Strips:
-        return Strips(graph, form, self.lanes, self.dtype.itemsize, self.device.kind == "gpu", sums)
+        gpu = self.device.kind == "gpu"
+        return Strips(graph, form, 1 if gpu else self.lanes, self.dtype.itemsize, gpu, sums)
 
     def _number(self, x: float | Array, option: str) -> tuple[list[Any], tuple[str, ...]]:
         """Return the two kernel arguments for a number or a function, and the build options."""

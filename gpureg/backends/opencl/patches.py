@@ -14,13 +14,13 @@ from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
 from ..types import Array, Device, Storage, Weighted, expect_storage, expect_stored
 from .buffers import Recomputed
-from .cells import OpenCLCells
 from .geometry import GridGeometry
 from .layout import GridLayout
 from .strips import PACKS, ROWS, Strips, exp2_scale
+from .tiled_patches import OpenCLTiledPatches
 
 
-class OpenCLPatches(OpenCLCells):
+class OpenCLPatches(OpenCLTiledPatches):
     """Weights computed from patches, and one step with weights that are not stored."""
 
     averages = True
@@ -147,10 +147,15 @@ class OpenCLPatches(OpenCLCells):
         assert isinstance(geometry, GridGeometry)
         function, other = self.on_device(graph, f), None if guide is None else self.on_device(graph, guide)
         M = function.channels
+        Q = M if other is None else other.channels
         out = self.empty(graph, M) if out is None else out
+        tiles = self._patch_tiles(graph, form, Q, M, guided=other is not None, largest=largest)
+        if tiles is not None:
+            self._tiled_step(tiles, function, function if other is None else other, f0, lam, out)
+            return out
         strips = self._strips(graph, form, 1 + M)
         values = self._planes_of(strips, function)
-        compared, Q = (values, M) if other is None else (self._planes_of(strips, other), other.channels)
+        compared = values if other is None else self._planes_of(strips, other)
         lams, lam_options = self._lam(lam)
         layout = [
             np.int64(geometry.pitch),
@@ -160,15 +165,16 @@ class OpenCLPatches(OpenCLCells):
             *lams,
             out.buffer,
         ]
-        options = (*strips.options(Q), f"-DM={M}")
-        options += ("-DLARGEST",) if largest else ()
+        options = (*strips.options(Q), *(("-DLARGEST",) if largest else ()))
         pairs = graph.ndim == 2 and not strips.gpu and not largest
         args = [*self._strip_args(strips, compared, *strips.offsets(pairs)), values]
         if not pairs:
-            self._launch_strips("similarity_step", (*options, *lam_options), [*args, *layout], strips.size, strips)
+            for first, count in strips.channel_groups(M):
+                own = (*options, f"-DM={count}", *lam_options)
+                self._launch_strips("similarity_step", own, [*args, np.int32(first), *layout], strips.size, strips)
             return out
         slots = strips.slots()
-        options += (f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
+        options += (f"-DM={M}", f"-DREACH={slots.reach}", f"-DSIDE={slots.side}")
         blocks, ring = np.int32(slots.blocks), np.int32(slots.ring)
         sizes = [np.int32(s) for s in graph.shape]
         with self._shared.lock:

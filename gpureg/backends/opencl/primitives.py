@@ -11,14 +11,14 @@ from .cosines import OpenCLCosines
 from .groups import OpenCLGroups
 from .listing import devices
 from .patches import OpenCLPatches
-from .sums import OpenCLSums
+from .scalars import OpenCLScalars
 from .sweeps import OpenCLSweeps
 from .zones import OpenCLZones
 
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLSweeps, OpenCLCosines, OpenCLSums, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(OpenCLSweeps, OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, OpenCLZones):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

@@ -14,7 +14,7 @@ from .geometry import CsrGeometry, SlicedGeometry
 from .layout import Buffer, CsrLayout, Launch, Upload
 
 # Rows of a slice, and the most room of the slices per edge: otherwise a row is a work item's or a team's.
-SLICE, _ROOM = 32, 1.5
+SLICE, _ROOM = 32, 1.6
 
 # Mean degrees from which a team has so many work items; below it is one.
 _TEAMS = ((32.0, 32), (6.0, 8))
@@ -78,34 +78,38 @@ class SlicedLayout(CsrLayout):
         self.options = ("-DSLICED", *self.options)
 
     def _put_edges_of(self, graph: Graph) -> tuple[Buffer, Buffer]:
-        indices = self._spread(graph.indptr, graph.indices, -1)
-        return self._upload(self._starts), self._upload(indices)
+        self._degrees = self._upload(np.diff(graph.indptr).astype(np.int32))
+        return self._upload(self._starts), self._upload(self._spread(graph.indices))
 
-    def _spread(self, indptr: IntArray, values: npt.NDArray[Any], rest: int) -> npt.NDArray[Any]:
-        """Put one value per edge, (n_edges, ...), to its place, and `rest` to the places without an edge."""
-        spread = np.full((self._starts[-1], *values.shape[1:]), rest, values.dtype)
-        spread[in_slices(indptr, self._starts)] = values
+    def _spread(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Put one value per edge, (n_edges, ...), to its place, and 0 to the places without an edge."""
+        spread = np.zeros((self._starts[-1], *values.shape[1:]), values.dtype)
+        spread[in_slices(self._topology[0], self._starts)] = values
         return spread
+
+    def args(self, weights: Buffer, mirrored: bool) -> list[Any]:
+        n, slices, *edges = super().args(weights, mirrored)
+        return [n, slices, self._degrees, *edges]
 
     def _of_edges(self, flat: FloatArray) -> FloatArray:
         values: FloatArray = flat[in_slices(self._topology[0], self._starts)]
         return values
 
     def pack_weights(self, weights: FloatArray) -> FloatArray:
-        return self._spread(self._topology[0], weights, 0)
+        return self._spread(weights)
 
     def unpack_weights(self, flat: FloatArray) -> FloatArray:
         return self._of_edges(flat)
 
     def pack_edges(self, values: FloatArray) -> FloatArray:
-        return self._spread(self._topology[0], values, 0)
+        return self._spread(values)
 
     def unpack_edges(self, flat: FloatArray, channels: int) -> FloatArray:
         return self._of_edges(flat.reshape(-1, channels))
 
     def _opposite(self) -> IntArray:
         place = in_slices(self._topology[0], self._starts)
-        return self._spread(self._topology[0], place[super()._opposite()], 0)
+        return self._spread(place[super()._opposite()])
 
 
 class TeamLayout(CsrLayout):

@@ -18,8 +18,9 @@ from .layout import Upload
 # On a CPU, rows of a block, and packs of a row with two sums per cell, or fewer packs with more sums: the sums of a
 # work item fit the L2 cache. A part of a grid that begins at multiples of both has the blocks of the whole grid.
 ROWS, PACKS = 32, 8
-# On a GPU, rows per work item.
-_GPU_ROWS = 8
+# On a GPU, rows of a work item; bytes of as many numbers as the largest radius of a patch whose sums are in registers,
+# as in the kernel; bytes of the channels of a launch.
+_GPU_ROWS, _RING_BYTES, _GPU_BYTES = 8, 32, 16
 
 # Bytes of all slots, the scratch memory for the sums of both ends of an edge: they fit the last-level cache.
 _SLOT_BYTES = 1 << 25
@@ -84,7 +85,11 @@ class Strips:
     @property
     def rows(self) -> int:
         """Rows of a block, S."""
-        return 1 if self.graph.ndim == 1 else _GPU_ROWS if self.gpu else ROWS
+        if self.graph.ndim == 1:
+            return 1
+        if self.gpu:
+            return 1 if self.form.radius > _RING_BYTES // self.itemsize or self.form.average else _GPU_ROWS
+        return ROWS
 
     @property
     def packs(self) -> int:
@@ -128,7 +133,7 @@ class Strips:
         """Return the build options for patches of `channels` channels."""
         form = self.form
         options = [f"-DNDIM={self.graph.ndim}", f"-DN={self.lanes}", f"-DS={self.rows}", f"-DB={self.packs}"]
-        options += [f"-DR={form.radius}", f"-DQ={channels}"]
+        options += [f"-DR={form.radius}", f"-DQ={channels}", *(["-DUNROLLED"] if self.gpu else [])]
         options += ["-DFLAT"] if bool((form.profile == 1).all()) else []
         options += ["-DSHIFTED_DISTANCE"] if form.scale is not None and form.shift != 0 else []
         options += ["-DSPATIAL"] if form.spatial is not None else []
@@ -137,6 +142,11 @@ class Strips:
         options += ["-DCUT"] if form.scale is not None and form.cut else []
         options += ["-DMAPS"] if form.scale is not None and form.maps is not None else []
         return tuple(options)
+
+    def channel_groups(self, channels: int) -> list[tuple[int, int]]:
+        """Return the first channel and the number of channels of each launch of a step."""
+        most = _GPU_BYTES // self.itemsize if self.gpu else channels
+        return [(first, min(most, channels - first)) for first in range(0, channels, most)]
 
     def offsets(self, pairs: bool) -> tuple[npt.NDArray[np.int32], FloatArray]:
         """Return the window and its spatial factors; for `pairs` the forward half, sorted by the last axis."""

@@ -11,8 +11,10 @@ from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph
 from ..sums import Number, Numbers
 from ..types import Array, Smoothness, Weighted
+from .buffers import Function
 from .duality import OpenCLDuality, norm_options
 from .geometry import round_up
+from .rows import TeamLayout
 
 # The first stage of a sum on a GPU: work groups at most. They fill any device of today, and the second stage adds
 # their parts in one group.
@@ -46,10 +48,16 @@ class OpenCLSums(OpenCLDuality):
         self, out: Number, weighted: Weighted, f: Array, f0: Array, lam: float | Array, model: Smoothness
     ) -> None:
         lams, lam_options = self._lam(lam)
-        args = [f.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps) ** 2]
-        norm = ("-DEDGE_NORM",) if model.edge else ()
-        options = (f"-DM={f.channels}", f"-DG={model.norms(f.channels)}", *lam_options, *norm)
-        self._sum("energy", weighted, args, options, out)
+        G, sums = model.norms(f.channels), self._nothing
+        options = (f"-DM={f.channels}", f"-DG={G}", *lam_options, *(("-DEDGE_NORM",) if model.edge else ()))
+        with self._shared.lock:  # the queue runs in order: scratch memory is another call's only after the last launch
+            if isinstance(weighted.topology, TeamLayout):
+                # teams add up what is around a vertex; below, a work item would have all edges of one
+                sums, options = self._scratch(weighted.graph.n_vertices * G), (*options, "-DSUMS")
+                edge_power = model.p / 2 if model.edge else None
+                self._gradient_norm(weighted, f, 1.0, model.eps, G == 1, edge_power, Function(sums, G))
+            args = [f.buffer, f0.buffer, sums, *lams, self.real(model.p), self.real(model.eps) ** 2]
+            self._sum("energy", weighted, args, options, out)
 
     def duality_gap_into(
         self, out: Number, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness

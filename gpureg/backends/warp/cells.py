@@ -23,7 +23,7 @@ from .layout import channels_of
 _BAND_BYTES = 1 << 26
 
 # Integers of 64 bits and more have limits that are not numbers of float64: the host converts to them.
-_TYPES = {
+TYPES = {
     np.dtype(name): getattr(wp, name)
     for name in ("uint8", "uint16", "uint32", "int8", "int16", "int32", "float16", "float32", "float64")
 }
@@ -40,7 +40,7 @@ class WarpCells(WarpLaunches):
     def put_cells(
         self, grid: GridGraph, cells: npt.NDArray[Any], *, frame: Frame = AS_GIVEN, units: Sequence[float] = ()
     ) -> Array:
-        if not self._converts or cells.dtype.newbyteorder("=") not in _TYPES:
+        if not self._converts or cells.dtype.newbyteorder("=") not in TYPES:
             return super().put_cells(grid, cells, frame=frame, units=units)
         out = self.empty(grid, cells.shape[-1])
         self._cross(grid, cells, out, frame, units)
@@ -55,7 +55,7 @@ class WarpCells(WarpLaunches):
         frame: Frame = AS_GIVEN,
         units: Sequence[float] = (),
     ) -> None:
-        if not self._converts or out.dtype.newbyteorder("=") not in _TYPES:
+        if not self._converts or out.dtype.newbyteorder("=") not in TYPES:
             super().get_cells(grid, f, out, frame=frame, units=units)
             return
         self._cross(grid, out, f, frame, units, back=True)
@@ -78,7 +78,7 @@ class WarpCells(WarpLaunches):
         planar = m == 1 or np.moveaxis(image, -1, 0).flags.c_contiguous
         flat = np.moveaxis(image, -1, 0).reshape(m, n_rows, W) if planar else image.reshape(1, n_rows, W * m)
         host = np.empty(flat.shape, kind) if back else np.ascontiguousarray(flat, kind)
-        types: tuple[Any, ...] = (self.real, _TYPES[kind], _TYPES[held], _TYPES[wide], bool(len(units)))
+        types: tuple[Any, ...] = (self.real, TYPES[kind], TYPES[held], TYPES[wide], bool(len(units)))
         make, options, factor = cells.make_in, types, 1 / frame.scale
         if back:
             limits = (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) if kind.kind in "iu" else None

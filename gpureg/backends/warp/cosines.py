@@ -14,6 +14,7 @@ from ...graphs.grid import GridGraph
 from ...kernels.warp import cosine_solve as kernel
 from ..cosines import Cosines, CosineSolves, Lines, radices, roots
 from ..types import Array
+from . import memory
 from .launching import WarpLaunches
 from .layout import channels_of
 
@@ -43,7 +44,7 @@ class WarpCosines(WarpLaunches, CosineSolves):
             tables = (self.upload(table, pair) for table in roots(n, self.dtype))
             axes.append((Lines.of(graph.shape, axis), *tables))
         numbers = max((lines.count * channels + 1) // 2 * lines.n for lines, *_ in axes)
-        spaces = tuple(wp.empty(numbers, dtype=pair, device=self._on) for _ in range(2))
+        spaces = tuple(memory.empty(numbers, dtype=pair, device=self._on) for _ in range(2))
         place = _Place(self._upload_reals(eigenvalues.ravel()), (spaces[0], spaces[1]), axes)
         return Cosines(graph, eigenvalues, place)
 

@@ -19,15 +19,16 @@ from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .cosines import WarpCosines
 from .groups import WarpGroups
 from .layout import channels_of
+from .lent import WarpLent
 from .listing import devices
 from .patches import WarpPatches
-from .sums import WarpSums
+from .scalars import WarpScalars
 from .zones import WarpZones
 
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpSums, WarpGroups, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpPatches, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
