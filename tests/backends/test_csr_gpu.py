@@ -141,7 +141,13 @@ def test_pieces():
     assert (size[hub[row]] <= 8).all()
     assert_array_equal(made._pieces[hub[row]], np.arange(made._n_pieces))
     assert (made._pieces[~hub[row]] == -1).all()
-    assert_array_equal(row[hub[row]][made._first[:-1]], made._hubs)
+    for _, edges, (vertices, added) in (made._of_hubs, made._of_pieces):
+        for u, (first, last), (begin, end) in zip(vertices, edges, added, strict=True):
+            assert (graph.edge_rows()[first:last] == u).all()
+            assert (row[hub[row]][begin:end] == u).all()
+            assert size[hub[row]][begin:end].sum() == graph.indptr[u + 1] - graph.indptr[u]
+    assert_array_equal(made._of_hubs[2][0], np.flatnonzero(hub))
+    assert_array_equal(np.diff(made._of_pieces[1]).ravel(), size[hub[row]])
 
 
 def test_a_look_at_the_zones_reads_one_number(gpu, monkeypatch):

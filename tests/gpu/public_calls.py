@@ -123,7 +123,7 @@ DOORS: dict[str, Door] = {
     "grid, p = 1, edges": _on_grid(1, norm="edge"),
     "grid, gamma": _on_grid(1, gamma="normalized"),
     "grid, Euler": _on_grid(1, solver="euler"),
-    "grid, accelerated": _on_grid(1, solver=gr.Jacobi(accelerate=True), max_iter=5),
+    "grid, accelerated": _on_grid(1, solver=gr.Jacobi(accelerate=True), max_iter=9),
     "grid, float64": _on_grid(1, dtype="float64"),
     "volume, p = 1": lambda backend: gr.regularize(
         image((5, 8, 9)), _grid(shape=(5, 8, 9)), p=1, lam=4, max_iter=2, backend=backend

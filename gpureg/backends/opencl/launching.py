@@ -23,7 +23,7 @@ from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
 from .failing import built, raise_if_full
 from .geometry import round_up
-from .layout import GridLayout
+from .layout import Collected, GridLayout
 from .queue import KernelKey
 from .recording import Record
 from .strips import Strips
@@ -78,13 +78,15 @@ class OpenCLLaunches(OpenCLBuffers):
         exact: bool = False,
         local: tuple[int, ...] | None = None,
         sums: int | None = None,
+        for_edges: bool = False,
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
         would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
         sum on a grid, whose kernel uses the number of work items), where the driver chooses.
-        `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
+        `sums` is how many numbers the kernel collects over the edges of a vertex, `for_edges` whether it needs them at
+        all these edges; None: a vertex has one work item.
         """
         layout = weighted.topology
         weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
@@ -100,8 +102,9 @@ class OpenCLLaunches(OpenCLBuffers):
             width, options = layout.geometry.stream_lanes, ("-DALIGNED", *options)
             size = size or (-(-layout.geometry.W // width), layout.geometry.rows)
         mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
+        collected = None if sums is None else Collected(sums, self.dtype.itemsize, for_edges)
         with self._shared.lock:
-            for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
+            for one in layout.launches(buffer, mirrored, collected, self._allocate):
                 graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
                 chosen = (*one.options, f"-DN={width}", *options)
                 groups, items = local, size or one.size
