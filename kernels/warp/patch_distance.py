@@ -76,7 +76,7 @@ _WEIGHTS = """
             if (has)
                 WEIGHTS(y);
             for (int x = 0; x < columns; ++x)
-                to[x] = has && here[x] > T(0) && here[x + ahead] > T(0) ? ((const T*)FOUND)[x] : T(0);
+                to[x] = has && here[x] > T(0) && here[x + ahead] > T(0) ? ((const T*)FOUND)[B * N == 1 ? 0 : x] : T(0);
         }
 """
 

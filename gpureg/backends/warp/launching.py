@@ -162,6 +162,7 @@ class WarpLaunches(Backend):
             inputs=[*inputs, wp.vec2i(0, 0)],
             outputs=[out],
             device=self._on,
+            block_dim=getattr(kernel, "threads", None),
             record_cmd=True,
         )
         commands = [command]
