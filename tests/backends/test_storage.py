@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cases
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from problems import PatchCase, oracle
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.backends import BackendUnavailable, Smoothness
+from gpureg.backends import BackendUnavailable, PatchForm, Smoothness
 
 # Masks, a spatial factor, channels, a wide window, one and three axes, float64.
 BILATERAL = (
@@ -181,3 +183,26 @@ def test_what_cannot_be_held_so_says_so():
         gr.regularize(f0, grid, p=1, weights=gr.weights.recomputed(gr.weights.patch(1, 0.5)), backend="numpy")
     with pytest.raises(BackendUnavailable, match="GridGraph"):
         gr.regularize(f0, grid.to_graph(), p=1, weights=gr.weights.half(plain), backend="numpy")
+
+
+@pytest.mark.parametrize(("width", "kind"), [(1, "gpu"), (None, "cpu")])
+def test_small_weights_where_subnormals_are_flushed(width, kind):
+    """In float16 all below 2^-14 is subnormal; OpenCL allows a device to flush what is so in float32."""
+    drivers = [one for one in backends.devices() if one.backend == "opencl"]
+    if not drivers:
+        pytest.skip(backends.absent()["opencl"])
+    from gpureg.backends.opencl import primitives as opencl
+
+    device = dataclasses.replace(drivers[0], kind=kind, vector_width=width or drivers[0].vector_width)
+    backend = opencl.make(device, "float32")
+    backend._options += ("-cl-denorms-are-zero", "-DFLUSHED")
+    graph, form = gr.GridGraph((5, 41), metric="cityblock"), PatchForm(np.ones(1), scale=1.0)
+    f = np.linspace(0, 4, 41) * np.arange(1, 6)[:, None]
+    weighted = backend.patch_distance(graph, f.reshape(-1, 1), form, storage="half")
+    weights = backend.get_weights(weighted)
+    assert (weights[(weights > 0) & (weights < 2.0**-14)]).size > 9
+    exact = np.exp(-(np.diff(f, axis=0) ** 2))
+    assert (np.abs(weights[1, :-1] - exact) <= (RELATIVE + 2.0**-22) * exact + ABSOLUTE).all()
+    # of sums of at most four rounded weights
+    degree = oracle().get(graph, oracle().degree(oracle().prepare(graph, weights.astype(float))))
+    assert (np.abs(backend.get(graph, backend.degree(weighted)) - degree) <= 4 * 2.0**-24 * degree).all()
