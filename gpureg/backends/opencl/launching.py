@@ -31,6 +31,10 @@ from .strips import Strips
 # Primitives that read both directions of an edge, whatever gamma is.
 _MIRRORED = ("adjoint", "primal", "duality_gap")
 
+# Primitives without neighbours. On a GPU a work item reads 16 bytes at once: cores have 2048 work items at most, and
+# with 4 bytes for each the reads under way would not use all of the bandwidth.
+_STREAMS = ("dot", "combine", "max_change", "mix")
+
 # Work items of a group on a GPU.
 _GPU_GROUP = 64
 
@@ -93,12 +97,16 @@ class OpenCLLaunches(OpenCLBuffers):
         elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
+        width = layout.width
+        if primitive in _STREAMS and isinstance(layout, GridLayout) and layout.geometry.line:
+            width, options = layout.geometry.stream_lanes, ("-DALIGNED", *options)
+            size = size or (-(-layout.geometry.W // width), layout.geometry.rows)
         mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
         collected = None if sums is None else Collected(sums, self.dtype.itemsize, for_edges)
         with self._shared.lock:
             for one in layout.launches(buffer, mirrored, collected, self._allocate):
                 graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
-                chosen = (*one.options, f"-DN={layout.width}", *options)
+                chosen = (*one.options, f"-DN={width}", *options)
                 groups, items = local, size or one.size
                 group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
                 if group is not None and local is None:
