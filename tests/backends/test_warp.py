@@ -116,7 +116,7 @@ def test_kernels_compile_for_cuda(tmp_path):
     access = grid_kernels.make(wp.float32, 2, "weights")
     for kernel in (
         similarity_step.make(wp.float32, 1, True, True, (2, 1, 3, 0, False, True, 1, 1, 1)),
-        patch_distance.make_grid(wp.float64, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
+        patch_distance.make_grid(wp.float64, True, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
         aggregate.make(access, 2),
         jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
         total.make(wp.float64, False),

@@ -13,11 +13,14 @@ from ...graphs.csr import Graph
 from .geometry import CsrGeometry, SlicedGeometry
 from .layout import Buffer, Collected, CsrLayout, Launch, Upload
 
-# Rows of a slice, and the most room of the slices per edge: otherwise a row is a work item's or a team's.
-SLICE, _ROOM = 32, 1.6
+# Rows of a slice; the most room of the slices per edge, and the mean degree from which there are none: otherwise a row
+# is a work item's or a team's.
+SLICE, _ROOM, _DENSE = 32, 1.6, 32
 
-# Mean degrees from which a team has so many work items; below it is one.
-_TEAMS = ((32.0, 32), (6.0, 8))
+# Mean degrees from which a team has so many work items; below it is one. Counted, not measured, for a Jacobi step on a
+# scale-free graph of mean degree 8 on sm_90: 28, 70, 122 and 459 instructions per edge for 1, 4, 8 and 32 work items,
+# and 2 lines of the cache per edge for 1, 1.2 for 4 and 8.
+_TEAMS = ((64.0, 32), (16.0, 8), (6.0, 4))
 
 # The longest whole row is so many edges for each work item of a team, and at least _LEAST_PIECE; so is a piece.
 _TRIPS, _LEAST_PIECE = 16, 64
@@ -49,7 +52,7 @@ def team_size(n: int, n_edges: int) -> int:
 def csr_geometry(graph: Graph, gpu: bool) -> CsrGeometry:
     """Choose the form of a stored graph; rows of similar lengths, and not dense ones, are in slices on a GPU."""
     n, n_edges = graph.n_vertices, graph.n_edges
-    if gpu and n_edges and team_size(n, n_edges) < SLICE:
+    if gpu and 0 < n_edges < _DENSE * n:
         size = int(slice_starts(graph.indptr)[-1])
         if size <= _ROOM * n_edges:
             return SlicedGeometry(n, size)

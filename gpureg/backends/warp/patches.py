@@ -21,9 +21,9 @@ from ...kernels.warp import (
 )
 from ...kernels.warp.similarity_step_gpu import ITEMS
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
-from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
+from ..types import Array, Storage, Weighted, expect_storage, expect_stored
 from . import memory
-from .layout import channels_of
+from .layout import Recomputed, channels_of
 from .planes import WarpPlanes
 from .pool import PACK_SPEED
 from .tiles import Tiles
@@ -92,6 +92,7 @@ class WarpPatches(WarpPlanes):
     """Weights computed from patches, and one step with weights that are not stored."""
 
     averages = True
+    storages = ("full", "half", "none")
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
         if not isinstance(graph, GridGraph):
@@ -157,20 +158,28 @@ class WarpPatches(WarpPlanes):
     def patch_distance(
         self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
     ) -> Weighted:
-        if storage != "full":
-            raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
+        expect_storage(graph, form, storage)
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
-            weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            half = np.ones(graph.half_window) if form.spatial is None else form.spatial
+            if storage == "none":
+                compared, masked = self.on_host(graph, f), graph.mask is not None
+                if graph.mask is not None:
+                    compared = np.concatenate([compared, graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+                data = Recomputed(
+                    self.put(graph, compared), self._upload_reals(half), compared.shape[1] - masked, masked, form
+                )
+                return self._bind(graph, data, storage=storage)
+            kind = wp.float16 if storage == "half" else self.real
+            weights = memory.zeros(layout.weight_shape, dtype=kind, device=self._on)
             if graph.half_window:
-                compared, offsets = self.on_device(graph, f), graph.forward_offsets
+                function, offsets = self.on_device(graph, f), graph.forward_offsets
                 blocks = self._blocks(graph, form.radius, 0, 2)
-                half = np.ones(graph.half_window) if form.spatial is None else form.spatial
-                patches = self._patches(blocks, form, compared, offsets, half)
-                work = self._work(graph, form, offsets, self.channels(compared))
-                made = (self.real, similarity, self._source(blocks, form, compared))
+                patches = self._patches(blocks, form, function, offsets, half)
+                work = self._work(graph, form, offsets, self.channels(function))
+                made = (self.real, similarity, storage == "half", self._source(blocks, form, function))
                 self._launch(blocks.count, patch_distance.make_grid, made, [patches], weights, work=work)
-            return self._bind(graph, weights)
+            return self._bind(graph, weights, storage=storage)
         padded, sites = padded_for_patches(graph, self.on_host(graph, f), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
