@@ -37,6 +37,8 @@ def text(found: dict[str, Any]) -> str:
         check = found["checks"][device]
         compared = f"{check['comparisons']} comparisons of {check['primitives']} primitives"
         lines.append(f"    {compared}, {len(check['wrong'])} wrong")
+        if check.get("arrays"):
+            lines.append(f"    arrays on the device: {', '.join(check['arrays'])}")
         lines += [f"    WRONG: {sentence}" for sentence in check["wrong"]]
         if check["not compared"]:
             lines.append(f"    not compared: {', '.join(check['not compared'])}")

@@ -15,7 +15,7 @@ from gpureg import backends
 
 from .. import machine
 from ..model import peer
-from . import checks, report, rows
+from . import arrays, checks, report, rows
 
 # Seconds of a measurement at least, and measurements of a row; the share of the time that the checks may take.
 SHORTEST, REPEATS, CHECKS = 0.05, 5, 0.35
@@ -103,7 +103,9 @@ def run(devices: list[Any], quick: bool, minutes: float) -> dict[str, Any]:
             _say(f"{device.id}: no bounds, {type(error).__name__}: {error}")
         _say(f"{device.id}: every primitive against numpy")
         until = time.monotonic() + CHECKS * (end - time.monotonic()) / (len(devices) - number)
-        found["checks"][device.id] = checks.every_primitive(device.id, until, quick)
+        check = found["checks"][device.id] = checks.every_primitive(device.id, until, quick)
+        check["arrays"], wrong = arrays.compared(device.id)
+        check["wrong"] += wrong
     repeats = 2 if quick else REPEATS
     for row in all_rows(quick):
         for device in devices:

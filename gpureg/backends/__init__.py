@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .cells import gaussian_taps
 from .cosines import Cosines
 from .dispatch import Chosen, absent, auto, devices, get, left_out, names, several, why_auto
 from .duality import BALL_ROUNDINGS
@@ -34,6 +35,7 @@ __all__ = [
     "absent",
     "auto",
     "devices",
+    "gaussian_taps",
     "get",
     "in_turns",
     "left_out",

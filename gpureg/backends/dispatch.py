@@ -234,7 +234,7 @@ def several(names: Chosen, dtype: npt.DTypeLike = np.float32) -> tuple[Backend, 
 
     Parameters
     ----------
-    names : str or sequence of str, default "auto"
+    names : str or sequence of str
         A name as for :func:`get`; names in a sequence or joined by commas, a device perhaps twice; or "all": all
         devices of the kind that "auto" takes, such as all GPUs through CUDA with memory of their own. A CPU counts
         once, whatever its drivers. GPUREG_BACKEND replaces "auto" and "all".

@@ -36,6 +36,9 @@ def to_library(value: npt.NDArray[Any], like: Any) -> Any:
     import torch
 
     narrow = _lacks(like.dtype) and value.dtype == np.float32
+    if like.device.type == "mps" and value.dtype == np.float64:
+        # Apple's GPUs have no float64
+        value = value.astype(np.float32)
     return torch.from_numpy(value).to(device=like.device, dtype=like.dtype if narrow else None)
 
 

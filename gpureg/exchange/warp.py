@@ -81,6 +81,8 @@ def of_cuda(array: Any) -> Any:
     if hasattr(array, "__dlpack__"):
         return wp.from_dlpack(array)
     interface = array.__cuda_array_interface__
+    if interface.get("mask") is not None:
+        raise TypeError(f"{type(array).__name__} has a mask, which would be lost: pass its data, and mask= by itself")
     device = wp.get_device(f"cuda:{_device_of(int(interface['data'][0]))}")
     if interface.get("stream") is not None:
         device.stream.wait_stream(wp.Stream(device, cuda_stream=interface["stream"]))
@@ -88,15 +90,16 @@ def of_cuda(array: Any) -> Any:
 
 
 def memory_of(array: Any) -> Memory | None:
-    """Return the memory of an object on a CUDA device; None without Warp."""
+    """Return the memory of an object on a CUDA device; None without Warp, and for types that it has not."""
     try:
         return _memory(of_cuda(array))
-    except ImportError:
+    except (ImportError, RuntimeError, TypeError):
+        # what is wrong is said when the array is read by the host
         return None
 
 
 def _memory(array: Any) -> Memory | None:
-    """Return the memory of a Warp array; None for an empty one, and for one of structures."""
+    """Return the memory of a Warp array; None for an empty one, and for types that numpy has not."""
     import warp as wp
 
     kind = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
@@ -104,7 +107,8 @@ def _memory(array: Any) -> Memory | None:
         dtype = np.dtype(wp.dtype_to_numpy(kind))
     except TypeError:
         return None
-    if not array.size:
+    # numpy would take the bits for integers
+    if not array.size or kind is getattr(wp, "bfloat16", None):
         return None
     whole = array.contiguous()
     shape = (*whole.shape, *getattr(array.dtype, "_shape_", ()))

@@ -287,7 +287,7 @@ def _searched(
     start: float,
 ) -> DenoisePlan:
     """Return the plan with the lam that a search finds."""
-    ready = prepared(plan, raster, raster.pixels(asked["dtype"]))
+    ready = prepared(plan, raster, asked["dtype"])
     pixels = ready.pixels
     run: dict[str, Any] = {
         "solver": asked["solver"],

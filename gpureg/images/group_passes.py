@@ -1,4 +1,4 @@
-"""Make the passes of a plan on groups of similar patches: :func:`after_passes`."""
+"""Make the passes of a plan on groups of similar patches: :func:`after_filter`, :func:`after_passes`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,85 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import backends
-from ..backends import Backend, Chosen
+from ..backends import Array, Backend, Chosen
 from ..graphs.grid import GridGraph
 from ..progress import progress_bar
 from .grouped_patches import LARGEST
 from .guides import filled
-from .passes import PassNoise, PatchPass
+from .passes import PatchPass, many, patches_of, windows_of
+from .plan import DenoisePlan
 from .prepare import Prepared
 
 # RGB as brightness and two opponent colours, orthonormal, so that white noise of equal channels stays white.
 _OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])
+
+
+def suits_passes(plan: DenoisePlan) -> bool:
+    """Return whether the passes of a plan compute in the units of its filter, so that its result can stay as it is."""
+    noise = plan.noise
+    return not plan.passes or noise is None or (noise.frame == plan.frame and not noise.units)
+
+
+def method_of(plan: DenoisePlan, filter_: str) -> str:
+    """Describe the filter of a plan, and its passes."""
+    passes = plan.passes
+    return f"{filter_} Then {many(passes)} on groups of similar patches: {patches_of(passes)}, {windows_of(passes)}."
+
+
+def after_filter(
+    device: Backend,
+    grid: GridGraph,
+    data: Array,
+    pilot: Array,
+    plan: DenoisePlan,
+    *,
+    profile: npt.NDArray[np.float64] | None,
+    progress: bool = False,
+) -> Array:
+    """Estimate device data from groups of patches, which the result of a filter tells; return a device function.
+
+    Parameters
+    ----------
+    device : Backend
+    grid : GridGraph
+        That of the functions, with the mask of the image, outside of which the data are those of the nearest cell
+        inside.
+    data, pilot : Array
+        The data and the filter's result, in the units of the frame of the plan's noise.
+    plan : DenoisePlan
+    profile : array or None
+        Noise of each pixel as a multiple of that of the image.
+    progress : bool
+        Show a bar.
+
+    Notes
+    -----
+    Where lam is 0 there are no data, and the filter's result takes their place.
+    """
+    noise, lam = plan.noise, np.asarray(plan.lam, np.float64)
+    assert noise is not None
+    inside = None if grid.mask is None or grid.mask.all() else grid.mask
+    if lam.ndim and (lam == 0).any():
+        data = _known(device, grid, _chosen(device, grid, data, pilot, lam.ravel() == 0), inside)
+    coloured = device.channels(data) == 3
+    guide = pilot
+    if coloured:
+        data, guide = (device.mix(grid, f, _OPPONENT) for f in (data, guide))
+    # its square, and sums of many of them, are numbers of float32
+    sigma = min(max(noise.level / noise.frame.scale, 1 / LARGEST), LARGEST)
+    level = None if profile is None else profile.ravel() ** 2
+    variance = sigma**2 if level is None else device.put(grid, (sigma**2 * level)[:, None])
+    levels = None if level is None else device.put(grid, level[:, None])
+    with progress_bar(progress, len(plan.passes), "passes") as done:
+        for i, each in enumerate(plan.passes):
+            done(i)
+            guide = _known(device, grid, guide, inside)
+            # the third opponent colour adds noise to the distances, and little that the others do not tell
+            compared = device.mix(grid, guide, np.eye(2, 3)) if coloured else guide
+            groups = device.patch_groups(grid, compared, each.form(sigma), level=levels)
+            guide = device.group_step(groups, data, guide, variance)
+        done(len(plan.passes))
+    return device.mix(grid, guide, _OPPONENT.T) if coloured else guide
 
 
 def after_passes(
@@ -29,7 +98,7 @@ def after_passes(
     dtype: npt.DTypeLike,
     progress: bool = False,
 ) -> npt.NDArray[np.floating]:
-    """Estimate an image from groups of patches, which the result of a filter tells; return it like the result.
+    """Estimate an image as :func:`after_filter`, from a result on the host; return it like the result.
 
     Parameters
     ----------
@@ -44,32 +113,18 @@ def after_passes(
 
     Notes
     -----
-    Where lam is 0 there are no data, and the filter's result takes their place. Where lam is infinite the data remain.
+    Where lam is infinite the data remain.
     """
     noise, lam = ready.plan.noise, np.asarray(ready.plan.lam)
     assert noise is not None
     device = backends.get(backend, dtype)
     grid = GridGraph(pilot.shape[:-1], 1, mask=inside)
-    masked = inside is not None and not inside.all()
-    data = ready.pixels
     lam = lam.reshape(grid.shape)[..., None] if lam.ndim else lam
-    if lam.ndim and (lam == 0).any():
-        data = np.where(lam == 0, pilot, data)
-    into = _Units(noise, pilot.shape[-1], device)
-    f0, guide = into.function(_known(data, inside if masked else None)), into.function(pilot)
-    # its square, and sums of many of them, are numbers of float32
-    sigma = min(max(noise.level / noise.frame.scale, 1 / LARGEST), LARGEST)
-    level = None if ready.profile is None else ready.profile.ravel() ** 2
-    variance = sigma**2 if level is None else sigma**2 * level
-    with progress_bar(progress, len(ready.plan.passes), "passes") as done:
-        for i, each in enumerate(ready.plan.passes):
-            done(i)
-            if masked:
-                guide = _known(guide.reshape(*grid.shape, -1), inside).reshape(guide.shape)
-            groups = device.patch_groups(grid, guide[:, : into.compared], each.form(sigma), level=level)
-            guide = device.get(grid, device.group_step(groups, f0, guide, variance))
-        done(len(ready.plan.passes))
-    value = into.back(guide, pilot)
+    data = ready.pixels if inside is None or inside.all() else filled(ready.pixels, inside)
+    f0, guide = (device.put_cells(grid, x, frame=noise.frame, units=noise.units) for x in (data, pilot))
+    value = np.empty_like(pilot)
+    found = after_filter(device, grid, f0, guide, ready.plan, profile=ready.profile, progress=progress)
+    device.get_cells(grid, found, value, frame=noise.frame, units=noise.units)
     return np.where(np.isinf(lam), ready.pixels.astype(value.dtype), value) if np.isinf(lam).any() else value
 
 
@@ -82,34 +137,19 @@ def bytes_of_passes(passes: tuple[PatchPass, ...], grid: GridGraph, channels: in
     return n * size * planes + max(members)
 
 
-class _Units:
-    """The conversion between an image in the units of a plan, and the function with which passes compute."""
-
-    def __init__(self, noise: PassNoise, channels: int, device: Backend) -> None:
-        self._units = np.array(noise.units) if noise.units else None
-        self._frame, self._type = noise.frame, device.dtype
-        self._turn = _OPPONENT.astype(device.dtype) if channels == 3 else None
-        # the third opponent colour adds noise to the distances, and little that the others do not tell
-        self.compared = 2 if channels == 3 else channels
-
-    def function(self, image: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-        """Return the function (n, m) of an image (..., m)."""
-        values = image.reshape(-1, image.shape[-1])
-        f = self._frame.into(values if self._units is None else values / self._units, self._type)
-        return f if self._turn is None else _turned(f, self._turn)
-
-    def back(self, f: npt.NDArray[np.floating], like: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-        """Return the image of a function, in the shape and type of another image."""
-        g = f if self._turn is None else _turned(f, self._turn.T)
-        values = self._frame.back(g, like.dtype).reshape(like.shape)
-        return values if self._units is None else (values * self._units).astype(like.dtype)
+def _chosen(device: Backend, grid: GridGraph, f: Array, other: Array, where: npt.NDArray[np.bool_]) -> Array:
+    """Return a device function that is `other` at some vertices, (n,), and `f` at the others, without rounding."""
+    parts = []
+    for x, left_out in ((f, where), (other, ~where)):
+        # a quotient by infinity is 0
+        over = device.put(grid, np.where(left_out, np.inf, 1.0)[:, None])
+        parts.append(device.combine(grid, 0.0, x, 1.0, x, over=over))
+    return device.combine(grid, 1.0, parts[0], 1.0, parts[1])
 
 
-def _turned(f: npt.NDArray[np.floating], matrix: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Multiply the channels of a function by a matrix; the sums are in the same order for any number of vertices."""
-    return np.stack([sum(row[c] * f[:, c] for c in range(f.shape[1])) for row in matrix], axis=1)
-
-
-def _known(values: npt.NDArray[np.floating], inside: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.floating]:
-    """Return values (..., m), those outside a mask replaced by the nearest inside."""
-    return values if inside is None else filled(values, inside)
+def _known(device: Backend, grid: GridGraph, f: Array, inside: npt.NDArray[np.bool_] | None) -> Array:
+    """Return a device function, its values outside a mask replaced by the nearest inside; the host looks for them."""
+    if inside is None:
+        return f
+    values = device.get(grid, f).reshape(*grid.shape, -1)
+    return device.put(grid, filled(values, inside).reshape(grid.n_vertices, -1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import held_type
 from ..noise.blocks import measured_axes
 from ..noise.flat import large_flat_areas
 from ..noise.impulse_map import impulses_in
@@ -36,8 +38,10 @@ class Prepared:
     ----------
     plan : DenoisePlan
         The plan for it, with maps of weights and lam.
-    pixels : (..., m) float array
-        Its values, divided by the units of the channels, without impulses.
+    cells : (..., m) array
+        Its values without impulses, in a type that holds them.
+    dtype : dtype
+        The type of `pixels`.
     inside : bool array or None
         True where a pixel takes part.
     impulses : int
@@ -47,38 +51,44 @@ class Prepared:
     """
 
     plan: DenoisePlan
-    pixels: npt.NDArray[Any]
+    cells: npt.NDArray[Any]
+    dtype: np.dtype[Any]
     inside: npt.NDArray[np.bool_] | None = None
     impulses: int = 0
     profile: npt.NDArray[np.float64] | None = None
+
+    @functools.cached_property
+    def pixels(self) -> npt.NDArray[Any]:
+        """The values as real numbers, divided by the units of the channels, (..., m)."""
+        values = self.cells.astype(self.dtype, copy=False)
+        return values / np.asarray(self.plan.units, self.dtype) if self.plan.units else values
 
     def back(self, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return a result in the image's units."""
         return value * np.asarray(self.plan.units, value.dtype) if self.plan.units else value
 
 
-def prepared(plan: DenoisePlan, raster: Raster, pixels: npt.NDArray[Any]) -> Prepared:
-    """Replace the impulses of pixels (..., m), and make the maps of the plan."""
-    count, profile = 0, None
+def prepared(plan: DenoisePlan, raster: Raster, dtype: npt.DTypeLike | None) -> Prepared:
+    """Replace the impulses of an image, and make the maps of the plan; `dtype` is the type to compute in."""
+    count, profile, cells = 0, None, raster.cells
     if plan.replaces_impulses:
-        pixels, hit = replaced(raster, pixels, plan.impulses)
+        cells, hit = replaced(raster, raster.pixels(dtype), plan.impulses)
         count = int(np.count_nonzero(hit))
         lost = hit.all(axis=-1)
         if lost.any() and plan.max_iter > 0:
             plan = replace(plan, lam=np.where(lost, 0.0, np.asarray(plan.lam)))
     if any(line is not None for line in plan.photon) and plan.max_iter > 0:
-        profile = _profile(plan, raster, pixels, plan.photon)
+        profile = _profile(plan, raster, cells, plan.photon)
         plan = _adapted(plan, profile)
     if plan.passes and plan.noise is not None:
-        profile = _of_passes(plan, plan.noise, raster, pixels, profile)
-    if plan.units:
-        pixels = pixels / np.asarray(plan.units, pixels.dtype)
+        profile = _of_passes(plan, plan.noise, raster, cells, profile)
     inside = raster.inside
     if plan.flat_side and plan.max_iter > 0:
         flat = flat_in_all(raster, plan.flat_side)
         if flat.any():
             inside = ~flat if inside is None else inside & ~flat
-    return Prepared(plan, pixels, inside, count, profile if plan.passes else None)
+    held = held_type(raster.values.dtype, raster.computed_type(dtype))
+    return Prepared(plan, cells, held, inside, count, profile if plan.passes else None)
 
 
 def flat_in_all(raster: Raster, side: int) -> npt.NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import all_finite, unmasked
+from ..arrays import all_finite, held_type, into_integers, unmasked
 from ..checks import integer
 from ..doors import warn
 from ..frame import Frame
@@ -159,9 +159,7 @@ class Raster:
         dtype : dtype, optional
             The type to compute in; at least of this type. The model subtracts an offset before it computes in float32.
         """
-        narrow = self.values.dtype.itemsize <= 2 or self.values.dtype == np.float32
-        held = np.float32 if narrow else np.float64
-        return self.cells.astype(np.promote_types(held, self.computed_type(dtype)), copy=False)
+        return self.cells.astype(held_type(self.values.dtype, self.computed_type(dtype)), copy=False)
 
     def computed_type(self, dtype: npt.DTypeLike | None) -> np.dtype[Any]:
         """Return `dtype`, checked; for None float32, or float64 for integers of more than 16 bits."""
@@ -193,17 +191,14 @@ class Raster:
             Rounded and clipped if the image has an integer type.
         """
         image = value[..., 0] if self.channel_axis is None else np.moveaxis(value, -1, self.channel_axis)
-        kind = self.values.dtype
-        if kind.kind in "iu" and image.dtype.kind == "f":
-            limits = np.iinfo(kind)
-            np.clip(np.rint(image, out=image), limits.min, limits.max, out=image)
-        image = np.ascontiguousarray(image).astype(kind, copy=False)
-        if self.inside is not None and not self.whole:
-            outside = ~self.inside
-            if self.channel_axis is not None:
-                outside = np.expand_dims(outside, self.channel_axis)
-            image = np.where(outside, self.values, image)
-        return image
+        image = into_integers(np.ascontiguousarray(image), self.values.dtype)
+        return image if self.whole or self.inside is None else self.unchanged(image, ~self.inside)
+
+    def unchanged(self, image: npt.NDArray[Any], where: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
+        """Return an image of this shape and type, with the given values at some cells of the grid."""
+        if self.channel_axis is not None:
+            where = np.expand_dims(where, self.channel_axis)
+        return np.where(where, self.values, image)
 
 
 def _instead(array: npt.NDArray[Any]) -> str:

@@ -18,14 +18,14 @@ from ..graphs.grid import GridGraph
 from ..model.memory import budget
 from ..model.problem import NORMS, as_function
 from ..model.result import Interrupted, Result, Stop
-from ..regularization.one_sweep import OneStep, one_sweep
+from ..regularization.one_sweep import one_sweep
 from ..regularization.regularize import regularize
 from ..solvers import Jacobi, Solver, resolve
-from ..weights import patch_weights
-from .group_passes import after_passes
+from .group_passes import after_passes, method_of
 from .guides import filled, guided_by
+from .on_device import run_on_device
+from .once import fits_one_sweep, is_one_sweep, process_of, step_of
 from .options import RUN_PLAN, RunPlan, check_run
-from .passes import many, patches_of, windows_of
 from .patch_graph import nearest_patches
 from .plan import DenoisePlan
 from .prepare import Prepared, prepared
@@ -53,11 +53,11 @@ def solve(
     grid = GridGraph(pixels.shape[:-1], plan.radius, plan.metric, spacing=plan.spacing, mask=inside)
     f0 = pixels if inside is None or inside.all() else filled(pixels, inside)
     weights = plan.weights if guide is None else guided_by(plan.weights, guide, grid, channel_axis)
-    options["solver"] = _process(plan, options.get("solver", "jacobi"))
+    options["solver"] = process_of(plan, options.get("solver", "jacobi"))
     run = {name: options.pop(name) for name in _RUN if name in options}
     common: dict[str, Any] = {"lam": plan.lam, "eps": plan.eps, "weights": weights, **run}
     process: dict[str, Any] = {"p": plan.p, "max_iter": plan.max_iter, "tol": plan.tol, **options}
-    once = _fits(plan, options)
+    once = fits_one_sweep(plan, options)
     if (plan.average_patches or plan.centre == "largest") and not once:
         what = "average_patches" if plan.average_patches else "centre='largest'"
         raise ValueError(
@@ -71,14 +71,14 @@ def solve(
         result = regularize(nodes, graph, **common, **process)
         return replace(result, value=result.value.reshape(f0.shape))
     if once:
-        return one_sweep(f0, grid, step=_one_step(plan), frame=plan.frame, **common)
+        return one_sweep(f0, grid, step=step_of(plan), frame=plan.frame, **common)
     return regularize(f0, grid, **common, **process)
 
 
 def without_averaging(plan: DenoisePlan, options: Mapping[str, Any]) -> DenoisePlan:
     """Return the plan, without averaging of patches if the other options do not allow it."""
     groups = tuple((channels, without_averaging(own, options)) for channels, own in plan.groups)
-    averages = bool(plan.average_patches) and _fits(plan, options)
+    averages = bool(plan.average_patches) and fits_one_sweep(plan, options)
     return replace(plan, groups=groups, average_patches=plan.average_patches if averages else False)
 
 
@@ -89,47 +89,11 @@ def expect_one_sweep(plan: DenoisePlan, solver: str | Solver, what: str) -> None
     ------
     ValueError
     """
-    if plan.max_iter > 0 and not (plan.k is None and _is_one_sweep(plan, _process(plan, solver))):
+    if plan.max_iter > 0 and not (plan.k is None and is_one_sweep(plan, process_of(plan, solver))):
         raise ValueError(
             f"{what} needs one sweep at p = 2 with bilateral or patch weights: leave out p, max_iter, tol, k, "
             "solver and other weights"
         )
-
-
-def _process(plan: DenoisePlan, solver: str | Solver) -> str | Solver:
-    """Return the solver, without damping if the pixel itself has weight 0: a single sweep cannot oscillate."""
-    method = resolve(solver)
-    bare = plan.centre == "none" and isinstance(method, Jacobi) and method.damping is None
-    return replace(cast("Jacobi", method), damping=1) if bare else solver
-
-
-def _one_step(plan: DenoisePlan) -> OneStep:
-    """Return the options of the plan's single sweep."""
-    found = patch_weights(plan.weights)
-    assert found is not None
-    averaged = found[0].reach if plan.average_radius is None else plan.average_radius
-    by_weight = plan.average_patches == "weighted"
-    return OneStep(plan.centre == "largest", averaged if plan.average_patches else None, by_weight)
-
-
-def _fits(plan: DenoisePlan, options: Mapping[str, Any]) -> bool:
-    """Return whether :func:`one_sweep` can run the plan with these options (`coupled` has no effect at p = 2)."""
-    gamma = options.get("gamma", "sqrt")
-    by_name = isinstance(gamma, str) and gamma == "sqrt"
-    plain = by_name and options.get("norm", "vertex") == "vertex" and options.get("update_weights") is None
-    once = _is_one_sweep(plan, options.get("solver", "jacobi"))
-    return options.get("callback") is None and plain and plan.k is None and once
-
-
-def _is_one_sweep(plan: DenoisePlan, solver: str | Solver) -> bool:
-    """Return whether :func:`one_sweep` can run the plan: one undamped sweep at p = 2 with patch weights."""
-    method = resolve(solver)
-    whole = isinstance(method, Jacobi) and method.damping in (None, 1)
-    # the default solver may be damped where lam = 0
-    filters = bool(plan.average_patches) or plan.centre == "largest"
-    data = isinstance(method, Jacobi) and (method.damping == 1 or filters or bool(np.min(plan.lam) > 0))
-    once = plan.p == 2 and plan.max_iter == 1 and plan.tol is None
-    return once and whole and data and patch_weights(plan.weights) is not None
 
 
 @door(options=RUN_PLAN)
@@ -183,11 +147,11 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         return parts
     if plan.max_iter == 0 and not plan.replaces_impulses:
         return _nothing_done(raster, asked, begin)
-    ready = prepared(plan, raster, raster.pixels(asked["dtype"]))
+    ready = prepared(plan, raster, asked["dtype"])
     if plan.max_iter == 0:
         return replace(_nothing_done(raster, asked, begin), value=raster.like(ready.back(ready.pixels)))
     more: dict[str, Any] = {name: x for name, x in asked.items() if name not in ("mask", "channel_axis", "dtype")}
-    if ready.impulses and _is_one_sweep(plan, more["solver"]):
+    if ready.impulses and is_one_sweep(plan, more["solver"]):
         # the default solver is damped where lam = 0, but a single sweep cannot oscillate
         more["solver"] = replace(cast("Jacobi", resolve(more["solver"])), damping=1)
     kind = raster.chosen_type(asked["dtype"])
@@ -195,6 +159,11 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         # a part inside of such an area
         return _nothing_done(raster, asked, begin)
     raster = replace(raster, inside=ready.inside)
+    method = process_of(ready.plan, more["solver"])
+    if asked["guide"] is None and fits_one_sweep(ready.plan, more | {"solver": method}):
+        direct = run_on_device(ready, raster, asked)
+        if direct is not None:
+            return replace(direct, seconds=time.perf_counter() - begin)
     with _converted(raster, ready.back):
         result = solve(
             ready.plan, ready.pixels, raster.inside, channel_axis=raster.channel_axis, **more | {"dtype": kind}
@@ -233,9 +202,7 @@ def _with_passes(result: Result, ready: Prepared, raster: Raster, asked: RunPlan
         )
     except KeyboardInterrupt:
         raise Interrupted(replace(result, stop=Stop.INTERRUPTED)) from None
-    passes = ready.plan.passes
-    then = f"{many(passes)} on groups of similar patches: {patches_of(passes)}, {windows_of(passes)}"
-    return replace(result, value=value, method=f"{result.method} Then {then}.")
+    return replace(result, value=value, method=method_of(ready.plan, result.method))
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, IntArray, checked_values
 from ..checks import number
 from ..doors import door
+from ..exchange import on_host
 from ..graphs.csr import Graph
 from ..graphs.of_shapes import face_graph
 from ..model.result import Result
@@ -50,7 +51,7 @@ class MeshSegmentation:
     @property
     def n_segments(self) -> tuple[int, ...]:
         """The number of segments of each level."""
-        return tuple(int(labels.max()) + 1 for labels in self.levels)
+        return tuple(int(on_host(labels, "labels").max()) + 1 for labels in self.levels)
 
     def at_most(self, n: int) -> Labels:
         """Return the finest level with at most `n` segments, (F,); raise ValueError if all have more."""

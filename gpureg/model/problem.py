@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -199,7 +200,7 @@ class Problem:
             raise ValueError("gamma as an array is used instead of the weights: leave weights=None")
         choice("norm", norm, NORMS)
         coupled = flag("coupled", coupled)
-        fidelity = _as_pinned(graph, as_lam(graph, lam))
+        fidelity = as_pinned(graph, as_lam(graph, lam))
         problem = cls(
             graph,
             data,
@@ -209,7 +210,7 @@ class Problem:
             edge_factor,
             norm,
             coupled,
-            _given_eps(eps, p, _known(graph, data, fidelity), smoothed),
+            _given_eps(eps, p, known_rows(graph, data, fidelity), smoothed),
         )
         if framed:
             problem = problem._in_a_frame(dtype, framed if isinstance(framed, Frame) else None)
@@ -221,14 +222,14 @@ class Problem:
         """Return the problem in the units of a frame, with data of this type."""
         # with a factor per vertex, or any gamma that is not symmetric, a constant has a gradient
         symmetric = isinstance(self.gamma, str) and not uses_degrees(self.gamma)
-        frame = given or Frame.of(_known(self.graph, self.f0, self.lam), centred=symmetric)
+        frame = given or Frame.of(known_rows(self.graph, self.f0, self.lam), centred=symmetric)
         weights = self.weights
         if isinstance(weights, Weights):
             weights = weights.scaled(frame.scale)
             if weights is None:
                 frame, weights = AS_GIVEN, self.weights
         if dtype is None:
-            dtype = np.dtype(np.float64 if frame.reach(self.f0) > SQUARES else np.float32)
+            dtype = real_type(frame, self.f0)
         return replace(
             self,
             f0=self._in(frame, dtype),
@@ -278,10 +279,18 @@ class Problem:
     @property
     def spread(self) -> float:
         """The spread of the data (:func:`gpureg.frame.spread`) where there are any; 1 for constant data."""
-        return spread(_known(self.graph, self.f0, self.lam)) or 1.0
+        return spread(known_rows(self.graph, self.f0, self.lam)) or 1.0
 
 
-def _known(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
+def real_type(frame: Frame, values: npt.NDArray[Any], units: Sequence[float] = ()) -> np.dtype[Any]:
+    """Return the type to compute in for data (n, m), divided by units, in a frame: that which holds their squares."""
+    if values.dtype.kind in "iu" and values.dtype.itemsize <= 2 and frame.scale * min(units, default=1.0) > 2.0**-40:
+        return np.dtype(np.float32)
+    reach = frame.reach(values / np.asarray(units)) if len(units) else frame.reach(values)
+    return np.dtype(np.float64 if reach > SQUARES else np.float32)
+
+
+def known_rows(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
     """Return the rows of a function, (n, m), at vertices inside the mask with a fidelity > 0; if it is 0, at all."""
     known = np.ones(1, bool) if lam.ndim == 0 else lam[:, 0] > 0
     if isinstance(graph, GridGraph) and graph.mask is not None:
@@ -291,7 +300,7 @@ def _known(graph: AnyGraph, f: FloatArray, lam: FloatArray) -> FloatArray:
     return f if known.all() or not known.any() else f[known]
 
 
-def _as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
+def as_pinned(graph: AnyGraph, lam: FloatArray) -> FloatArray:
     """Make a fidelity per vertex infinite outside the mask, where values do not change."""
     if lam.ndim == 0 or not isinstance(graph, GridGraph) or graph.mask is None:
         return lam

@@ -56,7 +56,8 @@ class Result:
     method : str
         Description of the iterations, as a sentence: the process, and its damping or step.
     backend : str
-        The device used, with its name for `backend` and its description.
+        The device used, with its name for `backend` and its description; or the devices, and a note if they may round
+        differently.
     seconds : float
         Wall-clock time of the run, weights and transfers included.
     """

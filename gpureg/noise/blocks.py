@@ -15,9 +15,10 @@ from .steps import Flags
 
 # Three axes are a volume, not a stack of planes, if the first of them has at least this length.
 _THICK = 8
-# Images of more pixels are measured in evenly spread tiles, about 2^21 pixels in all: for each number of axes, the
-# number of tiles along an axis, and their side. Tiles start at multiples of 8, the side of the blocks of a JPEG.
-LARGE, TILES = 1 << 21, {2: (8, 176), 3: (4, 32)}
+# Planes of more pixels, and volumes of 4 times as many, are measured in evenly spread tiles, about as many pixels in
+# all: for each number of axes, the number of tiles along an axis, and their side. Tiles start at multiples of 8, the
+# side of the blocks of a JPEG. On mosaics of photographs tiles are within 1 percent of the estimate from all pixels.
+LARGE, TILES = 1 << 19, {2: (8, 88), 3: (4, 32)}
 _GRID = 8
 # Of a series, evenly spread planes or volumes are measured: at least this number, and about so many pixels.
 FEWEST, MOST = 16, 1 << 22
@@ -134,7 +135,7 @@ def _block(values: npt.NDArray[Any], inside: Flags | None) -> Iterator[Block]:
 
 def tiles(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
     """Yield the parts of a plane or volume to measure: all of it, or tiles of a large one."""
-    if math.prod(shape) <= LARGE:
+    if math.prod(shape) <= (LARGE if len(shape) == 2 else 4 * LARGE):
         yield tuple(slice(0, size) for size in shape)
         return
     number, side = TILES[len(shape)]

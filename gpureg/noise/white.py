@@ -83,9 +83,9 @@ def estimate_noise(
     and the surroundings of pixels at the ends of the range, since clipping removed their noise. Where few pixels have
     all their neighbours, second differences along one axis are used. On ten photographs with sigma from 5 to 60 of 255,
     the error is at most 3 percent from 10 on, and 5 percent (root mean square) at 5, where their own grain is measured
-    too; a texture that fills the picture is taken for noise. Of more than 2^21 pixels of a plane or a volume as many
-    are measured, in evenly spread tiles; of a series at least 16 planes. Correlated noise comes out too small, that of
-    a mosaic of colours too large: :func:`describe_noise` says so.
+    too; a texture that fills the picture is taken for noise. Of more than 2^19 pixels of a plane, or 2^21 of a
+    volume, about as many are measured, in evenly spread tiles; of a series at least 16 planes. Correlated noise comes
+    out too small, that of a mosaic of colours too large: :func:`describe_noise` says so.
 
     Examples
     --------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from .. import backends
 from ..arrays import FloatArray, all_finite, computed_type
-from ..backends import Backend, Chosen, Weighted, over_patches
+from ..backends import Array, Backend, Chosen, Weighted, over_patches
 from ..frame import Frame
 from ..graphs.grid import GridGraph
 from ..model.memory import Budget, Job, budget_of
@@ -42,12 +43,13 @@ def one_sweep(
     progress: bool = False,
     step: OneStep | None = None,
     frame: Frame | None = None,
+    in_frame: bool = False,
 ) -> Result:
     """Do one undamped Jacobi sweep at p = 2, as :func:`regularize`, with weights that are not stored.
 
     `weights` are bilateral or patch weights. The result has no energy, which would need stored weights. After an
     interruption there is no iterate. `step` describes differences from a sweep of eq. 25; `frame` are the units
-    in which to compute, None to choose them from the data.
+    in which to compute, None to choose them from the data. With `in_frame` the result stays in these units.
     """
     begin = time.perf_counter()
     kind = None if dtype is None else computed_type(dtype)
@@ -57,15 +59,7 @@ def one_sweep(
     # devices share a step only if all of them do it in the same way
     devices = tuple(one for one in devices if step.fuses(one, graph) == step.fuses(devices[0], graph))
     allowed = budget_of(devices, memory)
-    averages = step.averaged is not None
-    # averaging from stored weights needs one more channel, the denominator, and shares
-    stored = averages and not step.fuses(devices[0], graph)
-    job = Job(
-        channels=problem.f0.shape[1] + stored,
-        weights=problem.weights,
-        per_vertex=averages or problem.lam.ndim > 0,
-        stored=stored,
-    )
+    job = step.job(devices[0], graph, problem.f0.shape[1], problem.weights, problem.lam)
     tiles = _tiles_of_a_step(problem, job, devices, allowed, step.halo(problem))
     if len(tiles.tiles) == 1:
         devices = devices[:1]
@@ -74,13 +68,11 @@ def one_sweep(
         value = step_in_tiles(problem, step, shared, lambda done, of: report(done))
     shared.warn()
     return Result.bare(
-        as_given(problem.back(value), f0, graph),
+        as_given(value if in_frame else problem.back(value), f0, graph),
         iterations=1,
         stop=Stop.MAX_ITER,
         eps=problem.eps * problem.frame.scale,
-        method="Gauss-Jacobi (eq. 25), "
-        + ("each patch estimated as a whole, patches averaged" if averages else "its weights computed and not stored")
-        + f"{shared.told}.",
+        method=f"{step.method}{shared.told}.",
         backend=shared.names,
         seconds=time.perf_counter() - begin,
     )
@@ -117,6 +109,15 @@ def _tiles_of_a_step(
     raise AssertionError("the last limit is what is allowed")
 
 
+def fits_device(job: Job, grid: GridGraph, device: Backend, allowed: Budget) -> bool:
+    """Return whether a sweep is made on the whole grid at once.
+
+    On a CPU larger ones are made in tiles, which save memory of the process.
+    """
+    most = allowed.total if device.device.kind == "gpu" else min(allowed.total, _STEP_BYTES)
+    return Budget(most, min(allowed.largest, most), allowed.asked).holds(job.need(grid, device))
+
+
 @dataclass(frozen=True)
 class OneStep:
     """The variant of one sweep at p = 2 with patch weights; the default is eq. 25.
@@ -138,6 +139,27 @@ class OneStep:
     def fuses(self, backend: Backend, grid: GridGraph) -> bool:
         """Return whether patches are averaged without stored weights: the weights are averaged instead."""
         return self.by_weight and not self.largest and backend.averages and grid.ndim == 2
+
+    @property
+    def method(self) -> str:
+        """Describe the step in a sentence without its stop."""
+        alone = self.averaged is None
+        how = "its weights computed and not stored" if alone else "each patch estimated as a whole, patches averaged"
+        return f"Gauss-Jacobi (eq. 25), {how}"
+
+    def job(
+        self,
+        backend: Backend,
+        grid: GridGraph,
+        channels: int,
+        weights: Weights | FloatArray | None,
+        lam: FloatArray,
+    ) -> Job:
+        """Return what decides the memory of this step on data of so many channels."""
+        averages = self.averaged is not None
+        # averaging from stored weights needs one more channel, the denominator, and shares
+        stored = averages and not self.fuses(backend, grid)
+        return Job(channels + stored, weights=weights, per_vertex=averages or lam.ndim > 0, stored=stored)
 
     def halo(self, problem: Problem) -> tuple[int, ...]:
         """Return the distance along each axis, in cells, from which data reach a vertex."""
@@ -163,30 +185,65 @@ def step_in_tiles(
     return value
 
 
-def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
-    grid, found = part.graph, patch_weights(part.weights)
-    assert isinstance(grid, GridGraph) and found is not None
+def device_step(
+    backend: Backend,
+    grid: GridGraph,
+    data: Array,
+    *,
+    lam: FloatArray,
+    weights: Weights,
+    step: OneStep,
+) -> Array:
+    """Do one sweep at p = 2 with patch weights on device data, and return the device function.
+
+    Parameters
+    ----------
+    backend : Backend
+    grid : GridGraph
+    data : Array
+        Device function f0, in units of a frame.
+    lam : () or (n, 1) array
+        The fidelity; infinite outside the mask if it is an array.
+    weights : Weights
+        Bilateral or patch weights, in the same units.
+    step : OneStep
+    """
+    found = patch_weights(weights)
+    assert found is not None
     function: PatchWeights
     function, guided = found
-    f = part.f0.astype(backend.dtype, copy=False)
-    guide = None if guided is None else guided.of(grid, f).astype(backend.dtype, copy=False)
-    form = function.form(grid, (f if guide is None else guide).shape[1], backend.dtype)
+    guide = None if guided is None else guided.on_device(backend, grid, data)
+    form = function.form(grid, backend.channels(data if guide is None else guide), backend.dtype)
     if step.averaged is not None and step.fuses(backend, grid):
         form = replace(form, average=step.averaged)
-        data, counted = backend.put(grid, f), backend.put(grid, _per_patch(grid, part.lam, step.averaged))
-        return backend.get(grid, backend.similarity_step(grid, f, form, data, counted, guide=guide))
+        counted = backend.put(grid, _per_patch(grid, lam, step.averaged))
+        return backend.similarity_step(grid, data, form, data, counted, guide=guide)
     if step.averaged is not None:
-        weighted = backend.patch_distance(grid, f if guide is None else guide, form)
-        return _averaged(grid, backend, weighted, f, part.lam, step, step.averaged)
-    lam = backend.put(grid, part.lam) if part.lam.ndim else float(part.lam)
-    on_device = backend.put(grid, f)
-    return backend.get(grid, backend.similarity_step(grid, f, form, on_device, lam, guide=guide, largest=step.largest))
+        weighted = backend.patch_distance(grid, data if guide is None else guide, form)
+        f = backend.get(grid, data)
+        return backend.put(grid, _averaged(grid, backend, weighted, f, lam, step, step.averaged))
+    fidelity = backend.put(grid, lam) if lam.ndim else float(lam)
+    return backend.similarity_step(grid, data, form, data, fidelity, guide=guide, largest=step.largest)
+
+
+def _step(part: Problem, backend: Backend, step: OneStep) -> FloatArray:
+    grid, weights = part.graph, part.weights
+    assert isinstance(grid, GridGraph) and isinstance(weights, Weights)
+    data = backend.put(grid, part.f0)
+    return backend.get(grid, device_step(backend, grid, data, lam=part.lam, weights=weights, step=step))
 
 
 def _per_patch(grid: GridGraph, lam: FloatArray, radius: int) -> FloatArray:
     """Compute the fidelity times the number of patches that cover each vertex, (n, 1)."""
-    inside = np.ones(grid.shape) if grid.mask is None else grid.mask.astype(np.float64)
-    count = over_patches(inside, radius).reshape(-1, 1)
+    if grid.mask is None:
+        # a product of numbers along the axes
+        places = [np.arange(size) for size in grid.shape]
+        along = [np.minimum(x + radius, len(x) - 1) - np.maximum(x - radius, 0) + 1.0 for x in places]
+        count: FloatArray = functools.reduce(np.multiply.outer, along).reshape(-1, 1)
+    else:
+        count = over_patches(grid.mask.astype(np.float64), radius).reshape(-1, 1)
+    if np.ndim(lam) == 0 and math.isfinite(lam):
+        return count * float(lam)
     counted: FloatArray = np.where(np.isinf(lam), lam, np.where(np.isinf(lam), 0, lam) * count)
     return counted
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..backends import Backend, Weighted
+from ..backends import Array, Backend, Weighted, gaussian_taps
 from ..checks import flag, number
 from ..doors import door
 from ..frame import Frame
@@ -22,6 +22,8 @@ from .base import PatchWeights, Weights, rows_of
 CHROMA = 0.45
 OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [0.5, -1, 0.5]]) / np.sqrt(np.array([[3], [2], [1.5]]))
 OPPONENT[1:] *= CHROMA
+
+_THREE = "opponent colours are made of red, green and blue: 3 channels, got {}"
 
 # Number of standard deviations at which a Gaussian is cut off.
 _TRUNCATE = 4.0
@@ -36,6 +38,10 @@ class Compared(Weights):
     @abstractmethod
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
         """Return the compared values, (n, q), for the data `f0`, (n, m)."""
+
+    def on_device(self, backend: Backend, grid: GridGraph, f0: Array) -> Array:
+        """Return the compared values as a device function, for device data `f0`."""
+        return backend.put(grid, self.of(grid, backend.get(grid, f0)))
 
     def channels(self, m: int) -> int:
         """Return the number of channels q of the compared values, for data with m channels."""
@@ -69,6 +75,10 @@ class Guided(Compared):
             also = "" if grid is None else f" or the grid's shape {grid.shape}"
             raise ValueError(f"the guide must have {n} rows, one per vertex,{also} got shape {shape}")
         return self.guide.reshape(n, -1)
+
+    def on_device(self, backend: Backend, grid: GridGraph, f0: Array) -> Array:
+        """Return the guide as a device function; the data do not matter."""
+        return backend.put(grid, self.of(grid, self.guide))
 
     def channels(self, m: int) -> int:
         """Return the number of channels of the guide, which must be rows (n, q)."""
@@ -116,6 +126,14 @@ class Smoothed(Compared):
         ]
         return np.stack(channels, axis=-1).reshape(f.shape)
 
+    def on_device(self, backend: Backend, grid: GridGraph, f0: Array) -> Array:
+        """Return the smoothed data as a device function; they do not leave the device."""
+        if self.opponent and backend.channels(f0) != 3:
+            raise ValueError(_THREE.format(backend.channels(f0)))
+        f = backend.mix(grid, f0, OPPONENT) if self.opponent else f0
+        stds = blur_stds(self.std, grid.spacing, grid.ndim)
+        return backend.blur(grid, f, [gaussian_taps(std, _TRUNCATE) for std in stds]) if self.std else f
+
     def scaled(self, scale: float) -> Weights | None:
         """Return the weight function with the inner one in the new unit."""
         weights = self.weights.scaled(scale)
@@ -134,7 +152,7 @@ class Smoothed(Compared):
 
 def _in_opponent_colours(f: FloatArray) -> FloatArray:
     if f.shape[1] != 3:
-        raise ValueError(f"opponent colours are made of red, green and blue: 3 channels, got {f.shape[1]}")
+        raise ValueError(_THREE.format(f.shape[1]))
     red, green, blue = f.T
     seen = np.empty_like(f)
     for c, (r, g, b) in enumerate(OPPONENT.astype(f.dtype)):
@@ -152,6 +170,11 @@ class _Chain(Compared):
     def of(self, graph: AnyGraph, f0: FloatArray) -> FloatArray:
         for step in self.steps:
             f0 = step.of(graph, f0)
+        return f0
+
+    def on_device(self, backend: Backend, grid: GridGraph, f0: Array) -> Array:
+        for step in self.steps:
+            f0 = step.on_device(backend, grid, f0)
         return f0
 
     def channels(self, m: int) -> int:

@@ -247,7 +247,7 @@ def half(weights: Weights) -> Weights:
     TypeError
         Other weights.
     BackendUnavailable
-        At use: a stored graph, or Warp.
+        At use: a stored graph.
 
     Notes
     -----
@@ -281,11 +281,11 @@ def recomputed(weights: Weights) -> Weights:
     TypeError
         Other weights.
     BackendUnavailable
-        At use: a stored graph, patches of more than one cell, or Warp.
+        At use: a stored graph, or patches of more than one cell.
 
     Notes
     -----
-    The values are equal to stored weights. On OpenCL a job then needs memory only for a few functions on the vertices,
-    for any window; on numpy, the reference backend, the weights are stored.
+    The values are equal to stored weights. A job then needs memory only for a few functions on the vertices, for any
+    window; on numpy, the reference backend, the weights are stored.
     """
     return Held(_patch_weights_for(weights, "recomputed"), "none")

@@ -1,14 +1,15 @@
 /* The rows of a stored graph in the two forms for a GPU, in the place of a part of csr.cl, which includes this file.
  *
- * SLICED: rows of similar lengths. A slice is 32 rows, and edge j of row u is at slices[u / 32] + 32 j + u % 32, so that
- * neighbouring work items read neighbouring numbers. All rows of a slice have room for as many edges as the longest one
- * (SELL-32). One work item: a vertex.
+ * SLICED: rows of similar lengths. A slice is 32 rows, and edge j of row u is at slices[u / 32] + 32 j + u % 32, so
+ * that neighbouring work items read neighbouring numbers. All rows of a slice have room for as many edges as the
+ * longest one (SELL-32). One work item: a vertex.
  *
  * TEAM: dense rows, or rows of uneven lengths. A team of TEAM work items has one row, and each of them every TEAM-th
  * edge; COLLECT adds their sums in local memory. The order of the additions depends on the row alone. TEAM divides
  * GROUP, the work items of a group.
  * SPLIT: long rows, those of hubs, are cut into pieces. A team has a whole row or a piece, and stores the sums of a
- * piece. Then the same kernel runs with HUBS: a team has a hub, adds the stored sums in order, and finishes the row.
+ * piece. Then the same kernel runs with HUBS: a team has a hub, adds the stored sums in order, and finishes the row. If
+ * the kernel goes over the edges once more (OFFSETS), a team has a piece of a hub, and adds the sums of all its pieces.
  */
 #ifndef CSR_GPU_CL
 #define CSR_GPU_CL
@@ -46,13 +47,13 @@
 
 /* clang-format off */
 #define GRAPH_ARGS                                                                                                    \
-    const long n,                      /* number of rows, with SPLIT also of pieces; of hubs with HUBS */             \
-    __global const long *starts,       /* (n + 1,): the first edges; the graph's indptr with HUBS */                  \
+    const long n,                      /* number of rows, with SPLIT also of pieces; of hubs or pieces with HUBS */   \
+    __global const long *starts,       /* (n + 1,): the first edges; with HUBS (n, 2): the first one, and the end */  \
     __global const INDEX *indices,     /* (n_edges,) */                                                               \
     __global const real *weights,      /* (n_edges,), one per directed edge: w with WEIGHTED, gamma with GAMMA */     \
     __global const long *mirror,       /* (n_edges,): the index of (v, u); read with GAMMA, and by adjoint */         \
     __global const INDEX *rows,        /* (n,): the vertices; read with SPLIT and HUBS */                             \
-    __global const INDEX *pieces,      /* (n,): the number of a piece, -1 of a row; with HUBS (n + 1,): the first */  \
+    __global const INDEX *pieces,      /* (n,): number of a piece, or -1; with HUBS (n, 2): the first, and the end */ \
     const long n_pieces,                                                                                              \
     __global real *sums                /* (sums of a vertex, n_pieces) */
 
@@ -71,8 +72,10 @@ typedef CONCATENATE(REAL_, 4) four;
 #endif
 
 #ifdef HUBS
-#define ROW const long u = there ? rows[row] : 0, first_edge = starts[u], last_edge = there ? starts[u + 1] : first_edge;
-#define EDGES                     \
+#define ROW                                                                       \
+    const long u = there ? rows[row] : 0;                                         \
+    const long first_edge = there ? starts[2 * row] : 0, last_edge = there ? starts[2 * row + 1] : 0;
+#define EDGES                      \
     for (long e = 0; e < 0; ++e) { \
         const long v = 0;
 #define OFFSETS for (long e = first_edge + member; e < last_edge; e += TEAM) {
@@ -120,8 +123,8 @@ static inline real added_by_team(const real x, __local four *memory)
 #endif
 
 #ifdef HUBS
-#define STORED(x, c)                                                                                         \
-    for (long i = pieces[there ? row : 0] + member, last = there ? pieces[row + 1] : i; i < last; i += TEAM) \
+#define STORED(x, c)                                                                                                 \
+    for (long i = there ? pieces[2 * row] + member : 0, last = there ? pieces[2 * row + 1] : 0; i < last; i += TEAM) \
         (x) = ADDED(x, sums[(c) * n_pieces + i]);
 #define STORE_PIECE(x, c)
 #elif defined(SPLIT)
@@ -133,7 +136,8 @@ static inline real added_by_team(const real x, __local four *memory)
 #define STORE_PIECE(x, c)
 #endif
 #define COLLECT(x, first, channels)                           \
-    for (int i_ = 0; i_ < (channels); ++i_) {                 \
+    _Pragma("unroll") for (int i_ = 0; i_ < (channels); ++i_) \
+    {                                                         \
         STORED((x)[i_], (first) + i_)                         \
         (x)[i_] = ADDED_BY_TEAM((x)[i_], ((first) + i_) & 1); \
         STORE_PIECE((x)[i_], (first) + i_)                    \

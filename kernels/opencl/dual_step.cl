@@ -51,7 +51,8 @@ __kernel void dual_step(
     END
 #if PROX != 2 && !defined(EDGE_NORM)
     COLLECT(square, 0, G)
-    for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
+    /* otherwise the numbers may lie in memory */
+    _Pragma("unroll") for (int c = 0; c < G; ++c) square[c] = prox_factor(square[c], sigma, p, eps);
     OFFSETS
     for (int c = 0; c < M; ++c) STORE(out, EDGE_AT(c, M), square[SHARED(c)] * LOAD(out, EDGE_AT(c, M)));
 END

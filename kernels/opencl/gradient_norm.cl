@@ -27,5 +27,6 @@ __kernel void gradient_norm(
     for (int c = 0; c < M; ++c) here[c] = LOAD(f, AT(u, c, M));
     SUM_OF_SQUARES
     ONE_WRITES
-    for (int c = 0; c < G; ++c) STORE(out, AT(u, c, G), USED(raise(sum[c], power)));
+    /* otherwise the numbers may lie in memory */
+    _Pragma("unroll") for (int c = 0; c < G; ++c) STORE(out, AT(u, c, G), USED(raise(sum[c], power)));
 }

@@ -24,7 +24,7 @@
 #endif
 
 #ifdef HALF_WEIGHTS
-typedef ushort weight_t;
+typedef half weight_t;
 #else
 typedef real weight_t;
 #endif
@@ -52,18 +52,29 @@ typedef real weight_t;
 /* clang-format on */
 
 /* With HALF_WEIGHTS weights are in float16: the relative error is at most 2^-11, or the absolute one 2^-25 for weights
- * below 2^-14. As weights are >= 0, their bits shifted to those of a float32 are exactly the weight times 2^-112. */
+ * below 2^-14. vload_half is one instruction on a GPU, but slow in PoCL 3.0, so the packs of a CPU are converted by their
+ * bits. As weights are >= 0, their bits shifted to those of a float32 are exactly the weight times 2^-112, but a device
+ * that flushes subnormal numbers (FLUSHED) reads 0 for those below 2^-14, whose bits count multiples of 2^-24. */
 #ifdef HALF_WEIGHTS
-#define HALF_UNIT 5.192296858534828e33f /* 2^112 */
 #if N == 1
-#define LOAD_WEIGHT(p, i) ((real)(as_float((uint)(p)[i] << 13) * HALF_UNIT))
+#define LOAD_WEIGHT(p, i) ((real)vload_half(0, (p) + (i)))
+#elif N <= 4
+#define LOAD_WEIGHT(p, i) CONCATENATE(CONCATENATE(convert_, REAL_), N)(CONCATENATE(vload_half, N)(0, (p) + (i)))
 #else
 typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
-#define LOAD_WEIGHT(p, i)                                                                          \
-    CONCATENATE(CONCATENATE(convert_, REAL_), N)(                                                  \
-        CONCATENATE(as_float, N)(                                                                  \
-            CONCATENATE(convert_uint, N)(*(__global const ushortN_anywhere *)((p) + (i))) << 13) * \
-        HALF_UNIT)
+typedef CONCATENATE(int, N) intN;
+typedef CONCATENATE(float, N) floatN;
+static inline floatN from_half(const intN bits)
+{
+#ifdef FLUSHED
+    const floatN large = CONCATENATE(as_float, N)((bits << 13) + (112 << 23));
+    return bits < 1024 ? CONCATENATE(convert_float, N)(bits) * 5.9604644775390625e-8f : large;
+#else
+    return CONCATENATE(as_float, N)(bits << 13) * 5.192296858534828e33f; /* 2^112 */
+#endif
+}
+#define HALVES(p, i) CONCATENATE(convert_int, N)(*(__global const ushortN_anywhere *)((p) + (i)))
+#define LOAD_WEIGHT(p, i) CONCATENATE(CONCATENATE(convert_, REAL_), N)(from_half(HALVES(p, i)))
 #endif
 #else
 #define LOAD_WEIGHT(p, i) LOAD(p, i)

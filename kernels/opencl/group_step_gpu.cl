@@ -15,7 +15,7 @@
  *              the numbers of its class, member by member, so that no two write one cell, and no barrier is between
  * The tile of sums is written for group_gather.cl, with a mark for each place of the window that is a member.
  * Arithmetic per group and channel: N_u M (M + 1)/2 + M^3/2 + N_u M M multiply-adds.
- * Local memory: two tiles, M M + BATCH M + 2 PARTS COLUMNS + 3 M numbers, 8 MOST bytes. Traffic per group and channel:
+ * Local memory: two tiles (with FAR none), M M + BATCH M + 2 PARTS COLUMNS + 3 M numbers, 8 MOST bytes. Traffic per group and channel:
  * reads the tile's cells of f0 and guide from the cache, writes the tile; once, PLACES bytes.
  */
 #include "group_tile.cl"
@@ -31,7 +31,7 @@
 #define BATCH (SLOTS * TURN)
 
 /* The mean over the members of cell `cell` of their patches. */
-static inline real mean_of(__local const real *tile, __local const int *places, const int n, const int cell)
+static inline real mean_of(TILE_SPACE const real *tile, __local const int *places, const int n, const int cell)
 {
     real sum = 0;
     for (int v = 0; v < n; ++v) sum += tile[places[v] + cell];
@@ -40,7 +40,7 @@ static inline real mean_of(__local const real *tile, __local const int *places, 
 
 /* The covariance of n patches, (M, M). */
 static inline void covariance(
-    __local const real *tile,
+    TILE_SPACE const real *tile,
     __local const int *places,
     __local const real *mean,
     const int n,
@@ -68,7 +68,7 @@ static inline void covariance(
         }
         const int own_i = LINE_AT(i), own_j = LINE_AT(j);
         for (int v = on ? subset : n; v < n; v += SUBSETS) {
-            __local const real *patch = tile + places[v];
+            TILE_SPACE const real *patch = tile + places[v];
             real line_i[D], line_j[D];
 #pragma unroll
             for (int q = 0; q < D; ++q) {
@@ -92,7 +92,7 @@ static inline void covariance(
                         *to = value;
                         if (i != j && s + 1 == SUBSETS) matrix[(j * D + r) * M + i * D + q] = value;
                     }
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
         }
     }
 }
@@ -120,7 +120,7 @@ static inline void factor(
             if (on && own == k)
 #pragma unroll
                 for (int j = 0; j < COLUMNS; ++j) pivot[part * COLUMNS + j] = row[j];
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
             if (!on || own < k || k >= M) continue;
             const real inverse = 1 / pivot[p * COLUMNS];
             if (own == k) {
@@ -143,7 +143,7 @@ static inline void factor(
         const int column = j * PARTS + part;
         if (on && column < M) matrix[own * M + column] = row[j];
     }
-    barrier(CLK_LOCAL_MEM_FENCE);
+    barrier(FENCE);
     /* the rest of the lines of the patch; what is right of them is not read */
     for (int i = l; i < M * D; i += ITEMS) {
         const int r = i / D, column = r / D * D + i % D;
@@ -156,7 +156,7 @@ static inline void forward(
     __local const real *matrix,
     __local const real *scale,
     __local const real *mean,
-    __local const real *const *patches,
+    TILE_SPACE const real *const *patches,
     const int line,
     real *sum)
 {
@@ -209,9 +209,10 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
     __global const int *sizes_of_groups, /* (references,) */
     /* output */
     __global real *tiles,  /* (work groups, channels, TILE): sums of r */
-    __global uchar *marks) /* (work groups, PLACES): 1 for a member */
+    __global uchar *marks, /* (work groups, PLACES): 1 for a member */
+    __global real *values) /* (work groups, TILE): scratch memory with FAR */
 {
-    __local real tile[TILE], sums[TILE], matrix[M * M], changes[BATCH * M], pivots[2 * PARTS * COLUMNS];
+    __local real matrix[M * M], changes[BATCH * M], pivots[2 * PARTS * COLUMNS];
     __local real mean[M], variance[M], scale[M];
     __local int places[MOST];   /* tile cell where a member's patch begins */
     __local uchar4 turns[MOST]; /* its x, y, z less whole patches */
@@ -220,17 +221,25 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
     const int4 corner = (int4)(REFERENCE(reference % counts.x, x) - WX, REFERENCE(line_of % counts.y, y) - WY,
                                REFERENCE(line_of / counts.y, z) - WZ, 0);
     if (n == 0) return; /* all of them */
+#ifdef FAR
+    __global real *tile = values + (long)slot * TILE;
+    __global uchar *marked = marks + (long)slot * PLACES;
+#else
+    __local real tile[TILE], sums[TILE];
     __local uchar *marked = (__local uchar *)sums;
+#endif
     for (int i = l; i < PLACES; i += ITEMS) marked[i] = 0;
-    barrier(CLK_LOCAL_MEM_FENCE);
+    barrier(FENCE);
     for (int v = l; v < n; v += ITEMS) {
         const int place = members[(long)reference * MOST + v], row = place / SIDE, x = place % SIDE;
         marked[place] = 1;
         places[v] = ROW_AT(row) + x;
         turns[v] = (uchar4)(x % D, row % (2 * WY + 1) % DY, row / (2 * WY + 1) % (2 * PZ + 1), 0);
     }
-    barrier(CLK_LOCAL_MEM_FENCE);
+    barrier(FENCE);
+#ifndef FAR
     for (int i = l; i < PLACES; i += ITEMS) marks[(long)slot * PLACES + i] = marked[i];
+#endif
     /* place of this work item in a patch, and in a class of cells */
     const int xl = l % D, yl = l / D % DY, zl = l / D / DY;
     real noise = 0;
@@ -242,11 +251,15 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
     if (l < M) variance[l] = mapped ? noise / (real)n : variance_;
     const int line = min(l / SLOTS, LINES - 1), own = l % SLOTS * M + line * D; /* in r and y */
     for (int c = 0; c < channels; ++c) {
+        __global real *own_tile = tiles + ((long)slot * channels + c) * TILE;
+#ifdef FAR
+        __global real *sums = own_tile;
+#endif
         load_tile(guide + before + c * plane, sizes, pitch, layer, corner, l, ITEMS, tile);
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(FENCE);
         for (int i = l; i < TILE; i += ITEMS) sums[i] = 0;
         if (l < M) mean[l] = mean_of(tile, places, n, LINE_AT(l / D) + xl);
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(FENCE);
         covariance(tile, places, mean, n, l, matrix);
         real trace = 0, least = variance[0];
         for (int q = 0; q < M; ++q) {
@@ -257,9 +270,9 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
         load_tile(f0 + before + c * plane, sizes, pitch, layer, corner, l, ITEMS, tile);
         factor(matrix, variance, scale, pivots, l);
         if (l < M) mean[l] = mean_of(tile, places, n, LINE_AT(l / D) + xl);
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(FENCE);
         for (int from = 0; from < n; from += BATCH) {
-            __local const real *patches[TURN];
+            TILE_SPACE const real *patches[TURN];
             real sum[TURN * D];
 #pragma unroll
             for (int t = 0; t < TURN; ++t) patches[t] = tile + places[min(from + l % SLOTS + t * SLOTS, n - 1)];
@@ -267,13 +280,13 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
 #pragma unroll
             for (int t = 0; t < TURN * D; ++t)
                 if (l < LINES * SLOTS) changes[own + t / D * SLOTS * M + t % D] = sum[t];
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
             back(matrix, changes + l % SLOTS * M, line, sum);
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
 #pragma unroll
             for (int t = 0; t < TURN * D; ++t)
                 if (l < LINES * SLOTS) changes[own + t / D * SLOTS * M + t % D] = variance[line * D + t % D] * sum[t];
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
             for (int v = from; l < M && v < min(from + BATCH, n); ++v) {
                 const uchar4 turn = turns[v];
                 int x = xl - turn.x, y = yl - turn.y, z = zl - turn.z;
@@ -288,8 +301,10 @@ __attribute__((reqd_work_group_size(ITEMS, 1, 1))) __kernel void group_step(
                 }
                 sums[at] += change;
             }
-            barrier(CLK_LOCAL_MEM_FENCE);
+            barrier(FENCE);
         }
-        for (int i = l; i < TILE; i += ITEMS) tiles[((long)slot * channels + c) * TILE + i] = sums[i];
+#ifndef FAR
+        for (int i = l; i < TILE; i += ITEMS) own_tile[i] = sums[i];
+#endif
     }
 }

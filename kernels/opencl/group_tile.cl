@@ -9,6 +9,15 @@
 #define GROUP_TILE_CL
 #include "lattice.cl"
 
+/* FAR: for windows without room in local memory, the tiles of a work group are in global memory. */
+#ifdef FAR
+#define TILE_SPACE __global
+#define FENCE (CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
+#else
+#define TILE_SPACE __local
+#define FENCE CLK_LOCAL_MEM_FENCE
+#endif
+
 #ifndef MOST
 #define MOST 80 /* members at most */
 #endif
@@ -33,7 +42,7 @@ static inline void load_tile(
     const int4 first,
     const int item,
     const int items,
-    __local real *tile)
+    TILE_SPACE real *tile)
 {
     for (int i = item; i < TILE; i += items) {
         const int row = i / TILE_X;

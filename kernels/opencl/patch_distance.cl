@@ -30,25 +30,15 @@
 #define WEIGHT(rho, k, u, v) (rho)
 #endif
 
-/* Float16: the bits of w 2^-112 without the last 13, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
+/* Float16, rounded to the nearest, ties to even (grid.cl: HALF_WEIGHTS). */
 #ifdef HALF_WEIGHTS
-typedef ushort weight_t;
+typedef half weight_t;
 #if N == 1
-#define AS_BITS(x) as_uint((float)(x))
-#define STORE_WEIGHT(p, i, b) ((p)[i] = (ushort)(b))
-typedef uint uintN;
+#define PUT_WEIGHT(p, i, w) vstore_half_rte((float)(w), 0, (p) + (i))
 #else
-typedef CONCATENATE(uint, N) uintN;
-typedef CONCATENATE(ushort, N) ushortN_anywhere __attribute__((aligned(2)));
-#define AS_BITS(x) CONCATENATE(as_uint, N)(CONCATENATE(convert_float, N)(x))
-#define STORE_WEIGHT(p, i, b) (*(__global ushortN_anywhere *)((p) + (i)) = CONCATENATE(convert_ushort, N)(b))
+#define STORE_HALVES CONCATENATE(CONCATENATE(vstore_half, N), _rte)
+#define PUT_WEIGHT(p, i, w) STORE_HALVES(CONCATENATE(convert_float, N)(w), 0, (p) + (i))
 #endif
-static inline uintN rounded(const realN w)
-{
-    const uintN bits = AS_BITS(w * (real)1.925929944387236e-34f); /* 2^-112 */
-    return (bits + 0xfff + ((bits >> 13) & 1)) >> 13;
-}
-#define PUT_WEIGHT(p, i, w) STORE_WEIGHT(p, i, rounded(w))
 #else
 typedef real weight_t;
 #define PUT_WEIGHT(p, i, w) STORE(p, i, w)

@@ -2,7 +2,8 @@
  *
  * A work item of a grid kernel computes a pack, N adjacent vertices on a row, because PoCL does not vectorise a kernel
  * with inner loops; N = 1 on a GPU, and for CSR graphs. Build options:
- *   -DN=1|2|4|8|16   -DDOUBLE (float64, otherwise float32)   -DSUM_DOUBLE (the device has float64, for long sums)
+ *   -DN=1|2|4|8|16   -DALIGNED   -DDOUBLE (float64, otherwise float32)
+ *   -DSUM_DOUBLE (the device has float64, for long sums)
  */
 #ifndef REALS_CL
 #define REALS_CL
@@ -51,9 +52,14 @@ typedef CONCATENATE(LANE_, N) laneN;
 #define laneN_ CONCATENATE(LANE_, N)
 #define realN_ CONCATENATE(REAL_, N)
 #define AS_REALS(x) CONCATENATE(as_, realN_)(x)
+#ifdef ALIGNED /* all packs begin at a multiple of their size */
+#define LOAD(p, i) (*(__global const realN *)((p) + (i)))
+#define STORE(p, i, x) (*(__global realN *)((p) + (i)) = (x))
+#define LOAD_PRIVATE(p, i) CONCATENATE(vload, N)(0, (p) + (i))
+#define STORE_PRIVATE(p, i, x) CONCATENATE(vstore, N)((x), 0, (p) + (i))
 /* Read or write a pack at any index. PoCL splits a vload16 into loads of 2, and LLVM does not merge all of them; with
  * clang, PoCL's compiler, a pointer to packs of smaller alignment gives one instruction. */
-#ifdef __clang__
+#elif defined(__clang__)
 typedef realN realN_anywhere __attribute__((aligned(sizeof(real))));
 #define LOAD(p, i) (*(__global const realN_anywhere *)((p) + (i)))
 #define STORE(p, i, x) (*(__global realN_anywhere *)((p) + (i)) = (x))

@@ -20,17 +20,17 @@
 #endif
 
 #ifdef EDGE_NORM
-#define SUM_OF_SQUARES                                                                      \
-    for (int c = 0; c < G; ++c) sum[c] = 0;                                                 \
-    NEIGHBOURS                                                                              \
-        realN square[G];                                                                    \
-        for (int c = 0; c < G; ++c) square[c] = eps2;                                       \
-        for (int c = 0; c < M; ++c) {                                                       \
-            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));                      \
-            square[G == 1 ? 0 : c] += SQUARED(d);                                           \
-        }                                                                                   \
-        for (int c = 0; c < G; ++c) sum[c] += WHERE(PRESENT, raise(square[c], edge_power)); \
-    END                                                                                     \
+#define SUM_OF_SQUARES                                                                                        \
+    for (int c = 0; c < G; ++c) sum[c] = 0;                                                                   \
+    NEIGHBOURS                                                                                                \
+        realN square[G];                                                                                      \
+        for (int c = 0; c < G; ++c) square[c] = eps2;                                                         \
+        for (int c = 0; c < M; ++c) {                                                                         \
+            const realN d = DIFFERENCE(here[c], LOAD(f, AT(v, c, M)));                                        \
+            square[G == 1 ? 0 : c] += SQUARED(d);                                                             \
+        }                                                                                                     \
+        _Pragma("unroll") for (int c = 0; c < G; ++c) sum[c] += WHERE(PRESENT, raise(square[c], edge_power)); \
+    END                                                                                                       \
     COLLECT(sum, 0, G)
 #else
 #define SUM_OF_SQUARES                                                 \

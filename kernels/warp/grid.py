@@ -19,11 +19,21 @@ from .csr import Access
 
 
 @functools.cache
-def struct(real, ndim):
-    """Make the struct with the graph, the vector type of a vertex, and that of the sizes of the leading axes."""
+def places(ndim):
+    """Make the vector type of a vertex, and that of the sizes of the leading axes."""
     leading = ndim - 1 if ndim > 2 else 0
-    Place = wp.types.vector(length=2 + leading, dtype=wp.int32)
-    Sizes = wp.types.vector(length=max(leading, 1), dtype=wp.int32)
+    return (
+        wp.types.vector(length=2 + leading, dtype=wp.int32),
+        wp.types.vector(length=max(leading, 1), dtype=wp.int32),
+    )
+
+
+@functools.cache
+def struct(real, ndim, stored="full"):
+    """Make the struct with the graph; `stored`: its weights, "full", "half", or (channels, masked) to compute them."""
+    Place, Sizes = places(ndim)
+    weight = wp.float16 if stored == "half" else real
+    channels = sum(stored) if isinstance(stored, tuple) else 1
 
     @wp.struct
     class Grid:
@@ -33,15 +43,25 @@ def struct(real, ndim):
         H: wp.int32  # forward offsets, half the window
         sizes: Sizes  # of the leading axes, on three axes or more
         offsets: wp.array(dtype=Place)  # (2 H,)
-        weights: wp.array3d(dtype=real)  # (n_rows, H, width), or gamma (n_rows, 2 H, width); read if there are any
+        weights: wp.array3d(dtype=weight)  # (n_rows, H, width), or gamma (n_rows, 2 H, width); read if there are any
+        compared: wp.array2d(dtype=reals.vector(real, channels))  # for weights that are not stored; mask: last channel
+        nearness: wp.array(dtype=real)  # (H,): their spatial factors
+        shift: real
+        scale: real
 
-    return Grid, Place, Sizes
+    return Grid
 
 
 @functools.cache
 def make(real, ndim, form):
-    """Make the names of csr.py for a grid of `ndim` axes and one `form` of edges."""
-    Graph, Place, _ = struct(real, ndim)
+    """Make the names of csr.py for a grid of `ndim` axes and one `form` of edges.
+
+    It is "unit", "weights", "gamma", "half" for weights in float16, or (channels, masked) for weights between single
+    cells, which are computed from a function of so many channels at each use: as patch_distance.py, with maps and a cut
+    left out.
+    """
+    computed = isinstance(form, tuple)
+    Graph, (Place, _) = struct(real, ndim, form if computed or form == "half" else "full"), places(ndim)
     Edge = gamma.edge(real, form == "gamma")
     leading = ndim - 1
     offset_at, weight_at = reals.reading(Place, 1), reals.reading(real, 3)
@@ -97,6 +117,33 @@ def make(real, ndim, form):
             own = weight_at(graph.weights, u[0], e, u[1])
             return Edge(own, weight_at(graph.weights, v[0], 2 * graph.H - 1 - e, v[1]))
 
+    elif form == "half":
+        half_at = reals.reading(wp.float16, 3)
+
+        @wp.func
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
+            if e >= graph.H:
+                return real(half_at(graph.weights, u[0], e - graph.H, u[1]))
+            return real(half_at(graph.weights, v[0], graph.H - 1 - e, v[1]))
+
+    elif computed:
+        channels, masked = form
+        compared_at, near_at = reals.reading(reals.vector(real, sum(form))), reals.reading(real, 1)
+
+        @wp.func
+        def edge(graph: Graph, u: Place, e: int, v: Place) -> real:
+            here = compared_at(graph.compared, u[0], u[1])
+            there = compared_at(graph.compared, v[0], v[1])
+            rho = real(0.0)
+            for c in range(channels):
+                d = here[c] - there[c]
+                rho += d * d
+            w = wp.exp(-wp.max(rho - graph.shift, real(0.0)) * graph.scale)
+            if wp.static(masked):
+                if here[channels] * there[channels] == real(0.0):
+                    w = real(0.0)
+            return near_at(graph.nearness, wp.max(e - graph.H, graph.H - 1 - e)) * w
+
     elif form == "weights":
         # Stored at u if the edge is a forward one, otherwise at v.
         @wp.func
@@ -119,7 +166,7 @@ def make(real, ndim, form):
     def opposite_at(graph: Graph, v: Place, e: int) -> wp.vec3i:
         return wp.vec3i(v[0], 2 * graph.H - 1 - e, v[1])
 
-    pack = None if form == "gamma" else (leading if ndim > 2 else 0, form == "weights")
+    pack = (leading if ndim > 2 else 0, form == "weights") if form in ("unit", "weights") else None
     return Access(
         real,
         Graph,

@@ -72,31 +72,33 @@ _WEIGHTS = """
         for (int y = 0; y < rows; ++y) {
             const bool has = from <= y && y < until;
             const T* here = p.inside.data + centre0 + y * p.pitch;
-            T* const to = out.data + ((cell0 / width + y) * p.n_offsets + k) * width + x0;
+            auto* const to = out.data + ((cell0 / width + y) * p.n_offsets + k) * width + x0;
             if (has)
                 WEIGHTS(y);
             for (int x = 0; x < columns; ++x)
-                to[x] = has && here[x] > T(0) && here[x + ahead] > T(0) ? ((const T*)FOUND)[x] : T(0);
+                to[x] = ROUND(has && here[x] > T(0) && here[x + ahead] > T(0) ? ((const T*)FOUND)[B * N == 1 ? 0 : x]
+                                                                              : T(0));
         }
 """
 
 
 @functools.cache
-def make_grid(real, similarity, form):
-    """Make the kernel for a grid, and patches and blocks of a form (`strip.source`)."""
-    Patches = strip.struct(real)
+def make_grid(real, similarity, half, form):
+    """Make the kernel for a grid, and patches and blocks of a form (`strip.source`); `half`: weights in float16."""
+    Patches, weight = strip.struct(real), wp.float16 if half else real
     names = ("weights", "w") if similarity else ("distances", "rho")
     body = _WEIGHTS.replace("WEIGHTS", names[0]).replace("FOUND", names[1])
+    body = body.replace("ROUND", "wp::half" if half else "")
 
     @wp.func_native(strip.source(real, form, body=body))
-    def write_block(p: Patches, out: wp.array3d(dtype=real), strip: int, block: int): ...
+    def write_block(p: Patches, out: wp.array3d(dtype=weight), strip: int, block: int): ...
 
     @wp.kernel(module="unique", enable_backward=False)
     def patch_distance(
         p: Patches,  # with the forward offsets
         first: wp.vec2i,  # strip and block of the launch's first work item
         # output
-        out: wp.array3d(dtype=real),  # weights, in the layout of grid.py
+        out: wp.array3d(dtype=weight),  # weights, in the layout of grid.py
     ):
         i, j = wp.tid()
         write_block(p, out, first[0] + i, first[1] + j)

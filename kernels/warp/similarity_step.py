@@ -33,7 +33,7 @@ _BODY = """
             const T* there = f.data + centre0 + y * p.pitch + ahead;
             WP_GPUREG_UNROLL
             for (int pack = 0; pack < B; ++pack) {
-                const int i = y * B + pack;
+                const int i = (ONE_ROW ? 0 : y) * B + pack;
                 total[i] += w[pack];
                 if (LARGEST) {
                     V& most = heaviest[LARGEST ? i : 0];
@@ -47,7 +47,7 @@ _BODY = """
 _END = """
     for (int y = 0; y < rows; ++y)
         for (int x = 0; x < columns; ++x) {
-            const int i = y * B + x / N, l = x % N;
+            const int i = ONE_ROW && B * N == 1 ? 0 : y * B + x / N, l = N == 1 ? 0 : x % N;
             const long long u = cell0 + (long long)y * width + x;
             const T given = LAM, unit = LARGEST ? ((const T*)&heaviest[LARGEST ? i : 0])[l] : T(1);
             const T fidelity = wp::isinf(given) ? given : given * unit;

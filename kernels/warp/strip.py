@@ -90,6 +90,7 @@ _STRIP = """
     enum { DOWN = D > 1 ? R : 0, SIDE = 2 * R + 1 };  // radius of a patch across the rows; its side
     enum { SPAN = B + (2 * A + N - 1) / N };          // packs in a row of weights: the block, and A cells on each side
     enum { WIDE = SPAN + (2 * R + N - 1) / N };       // packs in a row of `down`
+    enum { ONE_ROW = S == 1 && A == 0 };              // then no index depends on y, and arrays are registers of a GPU
     typedef %(T)s T;
     %(pack)s
     %(exp)s
@@ -161,7 +162,7 @@ _STRIP = """
                 const T* at = corner + first * p.pitch + pack * N;
                 if (DOWN == 0) {
                     for (int y = first; y < last; ++y, at += p.pitch)
-                        to[y * WIDE + pack] = squares(at);
+                        to[(ONE_ROW ? 0 : y) * WIDE + pack] = squares(at);
                     continue;
                 }
                 // the last rows of squares, and of their sums
@@ -169,7 +170,7 @@ _STRIP = """
                 for (int y = first - 2 * R; y < last; ++y, at += p.pitch) {
                     %(shift)s
                     if (y >= first)
-                        to[y * WIDE + pack] = %(sum)s;
+                        to[(ONE_ROW ? 0 : y) * WIDE + pack] = %(sum)s;
                 }
             }
         };
@@ -203,11 +204,11 @@ _STRIP = """
                 return weight;
             return weight * (WP_GPUREG_LOAD(p.inside.data + u) * WP_GPUREG_LOAD(p.inside.data + u + ahead));
         };
-        auto distances = [&](int y) WP_GPUREG_INLINE { sum_along(down + y * WIDE); };
+        auto distances = [&](int y) WP_GPUREG_INLINE { sum_along(down + (ONE_ROW ? 0 : y) * WIDE); };
         auto weights = [&](int y) WP_GPUREG_INLINE {
             const long long u = centre0 + y * p.pitch;
             if (A == 0)
-                sum_along(down + y * WIDE);
+                sum_along(down + (ONE_ROW ? 0 : y) * WIDE);
             WP_GPUREG_UNROLL
             for (int pack = 0; pack < B; ++pack) {
                 V weight;

@@ -94,8 +94,9 @@ SOURCE = """
                         sum -= lower[4 * i + l] * inverse[4 * l + j];
                     inverse[4 * i + j] = i < j ? T(0) : sum * lower[5 * i];
                 }
-            for (int i = lane; i < 16; i += LANES)
-                F[4 * k + i] = inverse[i];
+            _Pragma("unroll") for (int i = 0; i < 16; ++i)
+                if (i % LANES == lane)
+                    F[4 * k + i] = inverse[i];
             WP_GPUREG_SYNC();
             for (int q = from + lane * wide; q < P; q += LANES * wide) {
                 V x[8];

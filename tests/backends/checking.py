@@ -60,12 +60,9 @@ def as_gpu(device: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> Any:
         _skip("numpy has no other way for a GPU")
     backend = backends.get(device, dtype)
     if backend.name == "warp":
-        from gpureg.backends.warp import patches as warp_patches
+        from gpureg.backends.warp import primitives as warp
 
-        monkeypatch.setattr(warp_patches, "_ROWS", 1)
-        monkeypatch.setattr(warp_patches, "_PACKS", 1)
-        monkeypatch.setattr(warp_patches, "_PACK_BYTES", backend.dtype.itemsize)
-        return backend
+        return warp.make(dataclasses.replace(backend.device, kind="gpu"), dtype)
     from gpureg.backends.opencl import primitives as opencl
 
     return opencl.make(dataclasses.replace(backend.device, vector_width=1, kind="gpu"), dtype)

@@ -25,7 +25,7 @@ CASES = [
     ("difference", 8, 8, Kind(cases.Setup("csr"))),
     ("gradient_norm", 8, 1000, Kind(cases.Setup("csr", 3))),
     ("energy", 8, 8, Kind(cases.Setup("csr"), edge_norm=True)),
-    ("primal", 8, 8, Kind(cases.Setup("csr", 3, coupled=False), classes=HOT)),
+    ("primal", 4, 8, Kind(cases.Setup("csr", 3, coupled=False), classes=HOT)),
     ("largest_weight", 1, 4, Kind(cases.Setup("csr"))),
     ("p_laplacian", 32, 16, Kind(cases.Setup("csr"), "float64")),
     ("p_laplacian", 0, 0, Kind(cases.Setup("csr of grid"), directed=True)),
@@ -85,7 +85,7 @@ def spread(n: int, degrees: Any) -> Graph:
 
 
 def test_the_form_is_chosen_by_degrees():
-    """Slices for rows of similar lengths; teams of 1, 8 or 32 by the mean degree; pieces for long rows alone."""
+    """Slices for rows of similar lengths; teams of 1, 4, 8 or 32 by the mean degree; pieces for long rows alone."""
     from gpureg.backends.opencl import rows
 
     def form(graph: Graph, gpu: bool = True) -> tuple[Any, ...]:
@@ -93,14 +93,15 @@ def test_the_form_is_chosen_by_degrees():
         return type(made).__name__, getattr(made, "_team", None), getattr(made, "_n_pieces", None)
 
     ring, star = spread(300, [2] * 300), spread(300, [299])
-    uneven, dense = spread(300, [1, 2, 3, 20] * 75), spread(300, [30] * 300)
+    uneven, more, dense = spread(300, [1, 2, 3, 20] * 75), spread(300, [2, 2, 2, 40] * 75), spread(300, [40] * 300)
     hub = spread(1200, [1, 2, 3, 20] * 299 + [1199])
     assert form(ring, gpu=False) == form(star, gpu=False) == ("CsrLayout", None, None)
     assert form(ring) == ("SlicedLayout", None, None)
     assert form(star) == ("TeamLayout", 1, 5)  # 299 edges in pieces of 64
-    assert form(uneven) == ("TeamLayout", 8, 0)
+    assert form(uneven) == ("TeamLayout", 4, 0)
+    assert form(more) == ("TeamLayout", 8, 0)
     assert form(dense) == ("TeamLayout", 32, 0)
-    assert form(hub) == ("TeamLayout", 8, 10)  # 1199 edges in pieces of 128
+    assert form(hub) == ("TeamLayout", 4, 19)  # 1199 edges in pieces of 64
     assert form(Graph([0, 0], [])) == ("CsrLayout", None, None)
 
 
@@ -141,7 +142,13 @@ def test_pieces():
     assert (size[hub[row]] <= 8).all()
     assert_array_equal(made._pieces[hub[row]], np.arange(made._n_pieces))
     assert (made._pieces[~hub[row]] == -1).all()
-    assert_array_equal(row[hub[row]][made._first[:-1]], made._hubs)
+    for _, edges, (vertices, added) in (made._of_hubs, made._of_pieces):
+        for u, (first, last), (begin, end) in zip(vertices, edges, added, strict=True):
+            assert (graph.edge_rows()[first:last] == u).all()
+            assert (row[hub[row]][begin:end] == u).all()
+            assert size[hub[row]][begin:end].sum() == graph.indptr[u + 1] - graph.indptr[u]
+    assert_array_equal(made._of_hubs[2][0], np.flatnonzero(hub))
+    assert_array_equal(np.diff(made._of_pieces[1]).ravel(), size[hub[row]])
 
 
 def test_a_look_at_the_zones_reads_one_number(gpu, monkeypatch):

@@ -106,7 +106,7 @@ def test_warp_cannot_compile(monkeypatch: pytest.MonkeyPatch, nothing_failed: No
     pytest.importorskip("warp", reason="Warp is not installed")
     from gpureg.backends.warp import pool
 
-    def refuse(*args):
+    def refuse(*args, **options):
         raise RuntimeError("NVRTC: error: no room")
 
     pool.compiled.cache_clear()

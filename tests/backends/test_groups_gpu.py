@@ -109,6 +109,20 @@ def test_a_part_has_the_bits_of_the_whole(gpu):
     assert_array_equal(found[inner], whole[box][inner])
 
 
+def test_tiles_in_global_memory_give_the_same_bits(gpu, monkeypatch):
+    """Where they have no room in local memory, as for volumes and 5 x 5 x 3 patches."""
+    from gpureg.backends.opencl.group_tiles import GroupTiles
+
+    volume = GroupTiles(GroupForm((1, 2, 2), (7, 7, 7), (4, 4, 4), 48, 128), 1, 4)
+    assert [volume.fits_step(1 << 16, 256, far=far) for far in (False, True)] == [False, True]
+    case, backend = CASES[0], gpu(CASES[0].dtype)
+    groups = groups_of(case, backend)
+    near = stepped(case, backend, groups)
+    monkeypatch.setattr(GroupTiles, "fits_step", lambda tiles, *room, far=False: far)
+    assert stepped(case, backend, groups).tobytes() == near.tobytes()
+    assert any("-DFAR" in options for _, options in backend._shared.kernels)
+
+
 def test_what_has_no_room_has_the_kernels_of_a_cpu(gpu, monkeypatch):
     """48 KiB of local memory: 7 x 7 in float32 and 5 x 5 in float64 of the door's windows, not 5 x 5 x 5."""
     from gpureg.backends.opencl.group_tiles import GroupTiles

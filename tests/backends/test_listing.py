@@ -174,3 +174,35 @@ def test_cuda_devices_are_ranked_and_old_ones_left_out(warp_machine) -> None:
     assert "sm_75" in reasons["warp:cuda:0"] and "sm_61" in reasons["warp:cuda:0"]
     assert "OpenCL" in reasons["warp:cuda:0"]
     assert "AttributeError" in reasons["warp:cuda:4"]
+
+
+class Driver:
+    """CUDA's driver with one device: functions return 0, or the number of an error."""
+
+    @staticmethod
+    def cuDeviceGet(device, ordinal: int) -> int:
+        return 0 if ordinal == 0 else 101
+
+    @staticmethod
+    def cuDeviceGetAttribute(value, attribute: int, device) -> int:
+        value._obj.value = {13: 1_980_000, 17: 1}.get(attribute, 0)
+        return 0
+
+
+@pytest.mark.parametrize(
+    ("there", "ordinal", "clock", "timeout"), [(True, 0, 1_980_000, 1), (True, 1, 0, 0), (False, 0, 0, 0)]
+)
+def test_attributes_that_warp_does_not_tell(monkeypatch, there: bool, ordinal: int, clock: int, timeout: int) -> None:
+    """A device that the driver does not know, and a machine without a driver, have 0."""
+    pytest.importorskip("warp", reason="Warp is not installed")
+    from gpureg.backends.warp import listing as room
+
+    def load(name: str) -> Driver:
+        if not there or name != "nvcuda.dll":
+            raise OSError(name)
+        return Driver()
+
+    monkeypatch.setattr(room.ctypes, "CDLL", load)
+    assert room._attribute(ordinal, room._CLOCK_RATE) == clock
+    assert room._attribute(ordinal, room._KERNEL_EXEC_TIMEOUT) == timeout
+    assert room._attribute(ordinal, room._INTEGRATED) == 0

@@ -130,9 +130,24 @@ def test_sizes_are_worked_out_once_a_grid(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(backend, "upload", None)
     asked = [backend.function_bytes(grid, 3), backend.edge_bytes(grid), backend.edge_bytes(grid, directed=True)]
     asked += [backend.topology_bytes(grid), backend.sweep_bytes(grid, 3, 1), *backend.patch_bytes(grid, 3, 1)]
-    assert made == [(grid, backend.lanes, 4)]
+    assert made == [(grid, backend.lanes, 4, 0)]
     assert asked[0] >= 4 * 3 * grid.n_vertices
     assert asked[2] > asked[1] >= 4 * 12 * grid.n_vertices
+
+
+def test_rows_of_a_gpu_begin_at_its_lines() -> None:
+    """Rows of at least two lines, of functions and of weights; short ones would become much longer."""
+    if not drivers():
+        pytest.skip(backends.absent()["opencl"])
+    from gpureg.backends.opencl.geometry import GridGeometry
+
+    for itemsize in (4, 8):
+        at = GridGeometry.of(GridGraph((5, 101), 2), 1, itemsize, 128)
+        begins = (at.guard, at.pitch, at.plane, at.weight_guard, at.weight_pitch)
+        assert not [begin for begin in begins if begin * itemsize % 128]
+        assert at.pitch - at.W < 128 // itemsize
+        short = GridGeometry.of(GridGraph((5, 256 // itemsize - 1), 2), 1, itemsize, 128)
+        assert short.pitch - short.W <= 64 // itemsize
 
 
 def test_a_job_too_large_for_the_device_says_so() -> None:

@@ -6,10 +6,12 @@ import dataclasses
 from typing import Any
 
 import cases
+import mutations
 import numpy as np
 import pytest
 import rows  # noqa: F401, fills ROWS
 from checking import as_gpu, check
+from mutations import Mutation
 from numpy.testing import assert_allclose, assert_array_equal
 from primitives import ROWS
 from problems import PatchCase, PatchKind
@@ -29,6 +31,13 @@ KINDS = (
     PatchKind(PatchCase("masked", radius=2, scale=0.5, shift=0.125, spatial=True, maps=True), "float64", "array"),
     PatchKind(PatchCase("narrow", radius=4, scale=0.01)),
     PatchKind(PatchCase("disk", radius=0, scale=2.0, spatial=True), guided=True),
+)
+
+# One change each in what only this kernel does: borders, the values that move on, columns in registers.
+WRONG = (
+    Mutation("similarity_step", "similarity_step_gpu", "max(u, v) < height", "u < height"),
+    Mutation("similarity_step", "similarity_step_gpu", "far[4 * row + 3] = VALUE(row", "far[4 * row + 2] = VALUE(row"),
+    Mutation("similarity_step", "patch_tile", "guide[at + c * plane]", "guide[at]"),
 )
 
 
@@ -122,3 +131,12 @@ def test_what_has_room():
     assert rows_of(PatchForm(gauss), 12) == (4, 4)
     assert rows_of(PatchForm(gauss), 40) is rows_of(PatchForm(gauss), 1, local=1 << 12) is None
     assert rows_of(PatchForm(np.ones(19)), 1) is rows_of(PatchForm(np.array([1.0, 2, 3])), 1) is None
+
+
+@pytest.mark.parametrize("mutation", WRONG, ids=lambda mutation: mutation.id)
+def test_a_wrong_kernel_is_noticed(gpu, monkeypatch, mutation):
+    mutations.opencl(mutation, monkeypatch)
+    backend, kind = gpu(), PatchKind(PatchCase("small grid", channels=2, radius=1, scale=0.5, spatial=True))
+    backend._shared = dataclasses.replace(backend._shared, kernels={})
+    with pytest.raises(AssertionError, match="out of bounds"):
+        check(backend, ROWS["similarity_step"], kind.make(), first=True)

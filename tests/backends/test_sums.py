@@ -59,9 +59,9 @@ def test_threads_do_not_share_a_number(device: str) -> None:
     assert not wrong
 
 
-@pytest.mark.parametrize(("name", "float64"), [("grid", False), ("csr", True)])
+@pytest.mark.parametrize(("name", "float64"), [("packs", False), ("csr", True)])
 def test_a_gpu_adds_with_a_stride(oracle: Any, name: str, float64: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """More vertices than work items, and rows of any length; without float64 pairs of float32 are as good.
+    """More vertices than work items, and aligned rows, which have packs; without float64 pairs of float32 are as good.
 
     Bound: a product and a division of float32 per term (2 u and 3 u of the compiler's division), 4 u for the rest.
     """
@@ -89,3 +89,8 @@ def test_a_gpu_adds_with_a_stride(oracle: Any, name: str, float64: bool, monkeyp
     assert off[1] <= 2 * u * exact[1]
     assert off[2] <= cases.TOLERANCES["float32"] * energy
     assert graph.n_vertices > 3 * 16
+    mixed, exact_mix = (
+        one.get(graph, one.combine(graph, 2.0, x, -0.5, y, over=z))
+        for one, x, y, z in ((backend, f, f0, over), (oracle, a, b, divisor))
+    )
+    assert np.abs(mixed - exact_mix).max() <= 5 * u * (2 * np.abs(a) + np.abs(b / divisor)).max()

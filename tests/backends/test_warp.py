@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ import pytest
 import rows  # noqa: F401, fills ROWS
 from checking import check, nan
 from primitives import ROWS
-from problems import Kind, PatchCase, problem
+from problems import Kind, PatchCase, oracle, problem
 
 from gpureg import backends
 from gpureg.backends import Smoothness
@@ -21,10 +22,19 @@ if "warp" in backends.absent():
     pytest.skip(backends.absent()["warp"], allow_module_level=True)
 
 import warp as wp
-from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step, total
+from gpureg.kernels.warp import (
+    aggregate,
+    jacobi_step,
+    patch_distance,
+    similarity_step,
+    similarity_step_gpu,
+    sweep_gpu,
+    total,
+)
 from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends.warp import pool as warp_pool
+from gpureg.backends.warp import primitives as warp
 
 
 def everything(backend, name, channels):
@@ -114,13 +124,59 @@ def test_kernels_compile_for_cuda(tmp_path):
     access = grid_kernels.make(wp.float32, 2, "weights")
     for kernel in (
         similarity_step.make(wp.float32, 1, True, True, (2, 1, 3, 0, False, True, 1, 1, 1)),
-        patch_distance.make_grid(wp.float64, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
+        patch_distance.make_grid(wp.float64, True, True, (3, 3, 1, 0, False, True, 1, 1, 1)),
         aggregate.make(access, 2),
         jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
         total.make(wp.float64, False),
+        similarity_step_gpu.make(wp.float32, 1, True, False, (1, 3, 1, False, False, 16), similarity_step_gpu.ITEMS),
+        sweep_gpu.make(access, 3, ((0, 1), (1, 0)), True, True, 8, sweep_gpu.ITEMS),
     ):
         wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(tmp_path.glob("*.ptx"))) == 5
+    made = list(tmp_path.glob("*.ptx"))
+    assert len(made) == 7
+    # private arrays in memory would be variables of the local state space
+    assert not [path.name for path in made if ".local ." in path.read_text("utf-8")]
+
+
+def test_tiles_of_a_gpu_add_weights():
+    """Averaged weights, a mask, several blocks, and more steps along a row than a tile has room for.
+
+    A weight, at most 1, is off by less than 2^-20 (bounds.EXP and 3 (2 radius + 1)^2 terms), so the quotient by less
+    than 2^-18 of the range of f, which is 1.
+    """
+    gpu = warp.make(dataclasses.replace(backends.get("warp:cpu").device, kind="gpu"), "float32")
+    grid = GridGraph((9, 137), 29, "chebyshev", mask=cases.rng(5).random((9, 137)) < 0.85)
+    f, lam = cases.function(grid), cases.fidelity(grid)
+    form = dataclasses.replace(PatchCase("", radius=1, scale=0.5, shift=0.125, spatial=True).form(grid), average=1)
+    assert gpu._tiles(grid, form, 1, 1).count > 1
+    found, exact = (
+        b.get(grid, b.similarity_step(grid, f, form, b.put(grid, f), b.put(grid, lam))) for b in (gpu, oracle())
+    )
+    np.testing.assert_allclose(found, exact, rtol=0, atol=2.0**-18)
+
+
+def test_tiles_of_a_gpu_sweep(monkeypatch):
+    """As the oracle; a part of a grid, whose tiles lie elsewhere, has the bits of the whole."""
+    gpu = warp.make(dataclasses.replace(backends.get("warp:cpu").device, kind="gpu"), "float32")
+    launched = []
+    launch = gpu._launch
+    monkeypatch.setattr(
+        gpu, "_launch", lambda dim, make, *args, **given: launched.append(make) or launch(dim, make, *args, **given)
+    )
+    check(gpu, ROWS["sweep"], problem(Kind(cases.Setup("grid"))))
+    assert sweep_gpu.make in launched
+
+    def swept(f):
+        grid = GridGraph(f.shape)
+        values = gpu.put(grid, f.reshape(-1, 1))
+        out = gpu.sweep(
+            gpu.prepare(grid, None), values, values, 0.5, Smoothness(1.0, cases.EPS), theta=1.0, g=None,
+            out=nan(gpu, grid, 1),
+        )  # fmt: skip
+        return gpu.get(grid, out).reshape(f.shape)
+
+    f = cases.rng(3).random((45, 150), dtype=np.float32)
+    np.testing.assert_array_equal(swept(f[7:, 11:])[2:, 2:], swept(f)[9:, 13:])
 
 
 FORKED = """

@@ -231,6 +231,10 @@ def test_an_object_with_the_interface_alone_is_read_through_warp(monkeypatch):
     happened.clear()
     gr.estimate_noise(OnDevice(rng(3).random((24, 24)), 0))
     assert happened == ["array", "numpy"]
+    masked = OnDevice(SMALL)
+    masked.__cuda_array_interface__["mask"] = masked
+    with pytest.raises(TypeError, match="OnDevice has a mask, which would be lost"):
+        gr.denoise_tv(masked, lam=0.3)
     monkeypatch.setitem(sys.modules, "warp", None)
     with pytest.raises(ImportError, match=r"OnDevice from a CUDA device needs Warp: pip install 'gpureg\[warp\]'"):
         gr.denoise_tv(OnDevice(SMALL), lam=0.3)

@@ -126,6 +126,10 @@ def test_what_is_wrong_gets_the_same_sentence(runs):
         gr.regularize(wp.array(F0, device="cpu"), gr.GridGraph((4, 4)), **ON)
     with pytest.raises(ValueError, match=r"^regularize: p must be finite and > 0, got -1$"):
         gr.regularize(wp.array(F0, device="cpu"), GRID, **ON | {"p": -1})
+    with pytest.raises(TypeError, match=r"^regularize: f0 has the type bfloat16, which numpy has not"):
+        gr.regularize(wp.zeros(GRID.shape, dtype=wp.bfloat16, device="cpu"), GRID, **ON)
+    with pytest.raises(ValueError, match=r"^regularize: f0 must have one or more channels|^regularize: f0 must have"):
+        gr.regularize(wp.zeros((99, 0), dtype=wp.float32, device="cpu"), GRID, **ON)
     with pytest.raises(TypeError, match=r"^regularize: f0 requires gradients"):
         gr.regularize(wp.array(F0, device="cpu", requires_grad=True), GRID, **ON)
 

@@ -21,6 +21,7 @@ def test_everything_runs(request: pytest.FixtureRequest, tmp_path: Path, capsys:
     report = json.loads(found.read_text())
     check = report["checks"]["opencl:0"]
     assert not check["not compared"] and not check["unable"] and not check["left out"]
+    assert check["arrays"] == ["pyopencl"]
     assert {row["name"] for row in report["rows"]} >= set(COUNTS)
     assert [row for row in report["rows"] if "min" not in row] == []
     assert all(row["share"] > 0 for row in report["rows"] if row["kind"] == "iterated")

@@ -13,7 +13,7 @@ from cases import TOLERANCES, rng
 import gpureg as gr
 from gpureg.images import guides as pixels
 from gpureg.images import noise as found
-from gpureg.images import run as running
+from gpureg.images import on_device
 
 
 def blocks(shape: tuple[int, ...] = (48, 64), size: int = 16) -> np.ndarray:
@@ -118,8 +118,8 @@ def test_a_plain_sweep_alone_goes_without_stored_weights(monkeypatch: pytest.Mon
     """Any other wish needs what the one step does not give, and runs as ever."""
     before = noisy(blocks((20, 24)), 20)
     calls = []
-    one_sweep = running.one_sweep
-    monkeypatch.setattr(running, "one_sweep", lambda *a, **k: calls.append(1) or one_sweep(*a, **k))
+    step = on_device.device_step
+    monkeypatch.setattr(on_device, "device_step", lambda *a, **k: calls.append(1) or step(*a, **k))
     call = {"weights": gr.weights.bilateral(2.0, 60.0), "radius": 2, "sigma": 20.0, "backend": "numpy"}
     for wish in ({}, {"lam": 0, "solver": gr.Jacobi(damping=1)}, {"dtype": "float64"}, {"solver": gr.Jacobi()}):
         gr.denoise_image(before, **{**call, **wish})
@@ -184,10 +184,11 @@ def test_patches_over_the_mask_see_the_nearest_pixel() -> None:
     grid = gr.GridGraph(before.shape, 7, mask=mask)
     settings = {"weights": call["weights"], "lam": 1.0, "max_iter": 1, "backend": "numpy"}
     by_hand = gr.regularize(filled.astype(np.float32), grid, **settings)
-    assert np.array_equal(by_hand.value[mask].astype(float), whole[mask])
+    near = TOLERANCES["float32"] * np.abs(before).max()  # sums in another order
+    assert np.abs(by_hand.value[mask] - whole[mask]).max() <= near
     zeros = np.where(mask, before, 0).astype(np.float32)
     darker = gr.regularize(zeros, grid, **settings)
-    assert not np.array_equal(darker.value[mask].astype(float), whole[mask])  # so that the above can fail
+    assert np.abs(darker.value[mask] - whole[mask]).max() > 100 * near  # so that the above can fail
     tiled = gr.denoise_image(np.where(mask, before, np.nan), **call, memory=900_000)
     assert np.array_equal(tiled[mask], whole[mask])
 

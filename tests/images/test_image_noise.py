@@ -32,8 +32,9 @@ def test_noise_and_contrast_of_a_large_picture(sigma: float, monkeypatch: pytest
     scene = np.where(x < 900, 0.05 * x + 0.02 * y, 128 + 60 * np.sin(x**2 / 15000.0) * np.cos(y / 9.0))
     before = noisy(scene, sigma).astype(np.float32)
     raster = Raster.of(before)
-    whole, contrast = gr.estimate_noise(before), pixels.contrast(raster, Noise((20.0,)))[0]
-    monkeypatch.setattr(blocks_of_noise, "LARGE", 1 << 20)
+    with monkeypatch.context() as patched:
+        patched.setattr(blocks_of_noise, "LARGE", before.size)
+        whole, contrast = gr.estimate_noise(before), pixels.contrast(raster, Noise((20.0,)))[0]
     # the scatter of 50,000 pixels' is 0.5 percent, the scene's slopes add as much
     assert gr.estimate_noise(before) == pytest.approx(whole, rel=0.02)
     assert pixels.contrast(raster, Noise((20.0,)))[0] == pytest.approx(contrast, rel=0.02)

@@ -12,7 +12,7 @@ from small_passes import with_small_passes
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.images import parts, run
+from gpureg.images import on_device, parts, run
 from gpureg.images.prepare import relative_noise
 from gpureg.images.raster import Raster
 from gpureg.regularization.tiling import cut
@@ -245,9 +245,11 @@ def test_a_run_that_is_stopped_returns_the_filter(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run, "after_passes", interrupt)
-    with pytest.raises(gr.Interrupted) as caught:
-        gr.run_plan(plan, image, **HOST)
-    assert np.array_equal(caught.value.result.value, gr.run_plan(replace(plan, passes=()), image, **HOST).value)
+    monkeypatch.setattr(on_device, "after_filter", interrupt)
+    for each in (plan, plan_of(image, sigma=15.0)):
+        with pytest.raises(gr.Interrupted) as caught:
+            gr.run_plan(each, image, **HOST)
+        assert np.array_equal(caught.value.result.value, gr.run_plan(replace(each, passes=()), image, **HOST).value)
 
 
 def test_a_run_in_parts_that_is_stopped_returns_the_whole_image(monkeypatch):
@@ -259,14 +261,14 @@ def test_a_run_in_parts_that_is_stopped_returns_the_whole_image(monkeypatch):
     raster = Raster.of(image)
     done = parts.run_in_parts(plan, raster, **HOST).value
     filtered = parts.run_in_parts(replace(plan, passes=()), raster, **HOST).value
-    made = iter([run.after_passes])
+    made = iter([on_device.after_filter])
 
     def interrupt(*args, **options):
         for make in made:
             return make(*args, **options)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "after_passes", interrupt)
+    monkeypatch.setattr(on_device, "after_filter", interrupt)
     with pytest.raises(gr.Interrupted) as caught:
         parts.run_in_parts(plan, raster, **HOST)
     expected = image.copy()

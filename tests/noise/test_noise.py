@@ -41,7 +41,7 @@ def test_a_thin_stack_is_one_of_planes() -> None:
 def test_a_large_volume_is_looked_at_in_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
     volume = 40 * field((40, 60, 70), 3) + rng(0).normal(0, 10, (40, 60, 70))
     whole = gr.estimate_noise(volume)
-    monkeypatch.setattr(blocks, "LARGE", 1 << 16)
+    monkeypatch.setattr(blocks, "LARGE", 1 << 14)
     monkeypatch.setattr(blocks, "TILES", {2: (8, 256), 3: (3, 20)})
     parts = list(blocks.tiles(volume.shape))
     assert len(parts) == 27

@@ -14,7 +14,7 @@ from cases import rng
 
 import gpureg as gr
 from gpureg import backends
-from gpureg.backends import Device, dispatch
+from gpureg.backends import Device, dispatch, failures
 from gpureg.model.memory import Budget, Need, budget_of
 from gpureg.regularization import sharing
 from gpureg.regularization.tiling import Tile, Tiling, cut
@@ -39,15 +39,18 @@ def room(monkeypatch: pytest.MonkeyPatch):
 
     def limited(device: str, vertices: int) -> list[int]:
         backend, refused = backends.get(device), []
-        put = backend.put
 
-        def checked(graph, f):
-            if graph.n_vertices > vertices:
-                refused.append(graph.n_vertices)
-                raise MemoryError("no room")
-            return put(graph, f)
+        def checked(make):
+            def call(graph, *args, **options):
+                if graph.n_vertices > vertices:
+                    refused.append(graph.n_vertices)
+                    raise failures.out_of_memory("it", "no room")
+                return make(graph, *args, **options)
 
-        monkeypatch.setattr(backend, "put", checked)
+            return call
+
+        for name in ("put", "put_cells"):
+            monkeypatch.setattr(backend, name, checked(getattr(backend, name)))
         return refused
 
     return limited
@@ -76,10 +79,10 @@ def test_the_result_says_that_memory_ran_out(room) -> None:
 def test_a_job_without_tiles_says_what_it_needs(room) -> None:
     room("numpy", 100)
     with pytest.raises(
-        MemoryError, match=r"needs .* on numpy, .* GiB are free now \(no room\).*cut into tiles: the step"
+        MemoryError, match=r"needs .* on numpy, .* GiB are free now \(.*no room\).*cut into tiles: the step"
     ):
         gr.regularize(F0, GRID, solver="euler", backend="numpy")
-    with pytest.raises(MemoryError, match=r"needs .* on numpy for a part of .* cells, .* are free \(no room\)"):
+    with pytest.raises(MemoryError, match=r"needs .* on numpy for a part of .* cells, .* are free \(.*no room\)"):
         gr.regularize(F0, GRID, max_iter=4, backend="numpy")
 
 

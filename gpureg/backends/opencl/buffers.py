@@ -20,7 +20,7 @@ from ..patches import PatchForm
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Device, Weighted, host_weights
 from .failing import raise_if_full
-from .geometry import CsrGeometry, GridGeometry
+from .geometry import GPU_LINE, CsrGeometry, GridGeometry
 from .layout import CsrLayout, GridLayout
 from .listing import free_memory
 from .queue import HostBuffer, queue
@@ -78,6 +78,8 @@ class OpenCLBuffers(Backend):
             self._options += ("-DDOUBLE",)
         if device.float64:
             self._options += ("-DSUM_DOUBLE",)
+        if not device.handle.single_fp_config & cl.device_fp_config.DENORM:
+            self._options += ("-DFLUSHED",)
         self._topologies: weakref.WeakKeyDictionary[AnyGraph, CsrLayout | GridLayout] = weakref.WeakKeyDictionary()
         self._geometries: weakref.WeakKeyDictionary[AnyGraph, CsrGeometry | GridGeometry] = weakref.WeakKeyDictionary()
         self._nothing = self.upload(np.zeros(1, self.dtype))
@@ -228,7 +230,7 @@ class OpenCLBuffers(Backend):
         found = self._geometries.get(graph)
         if found is None:
             found = (
-                GridGeometry.of(graph, self.lanes, self.dtype.itemsize)
+                GridGeometry.of(graph, self.lanes, self.dtype.itemsize, GPU_LINE if self.device.kind == "gpu" else 0)
                 if isinstance(graph, GridGraph)
                 else csr_geometry(graph, self.device.kind == "gpu")
             )

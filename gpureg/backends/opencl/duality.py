@@ -77,7 +77,9 @@ class OpenCLDuality(OpenCLLaunches):
         each = model.edge or prox_case(model.p, model.eps) == "square"  # no norm over the edges of a vertex
         numbers = [self.real(x) for x in (sigma, model.p, model.eps)]
         args = [y.buffer, f.buffer, f_previous.buffer, self._real(beta), *numbers, previous.buffer]
-        self._run("dual_step", weighted, args, norm_options(f.channels, model), sums=0 if each else f.channels)
+        self._run(
+            "dual_step", weighted, args, norm_options(f.channels, model), sums=0 if each else f.channels, for_edges=True
+        )
         return previous
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:

@@ -16,6 +16,9 @@ SMALL_WINDOW = 8
 
 CACHE_LINE = 64
 
+# Bytes that a GPU reads at once. Rows of at least two such lines begin at one; shorter rows would become much longer.
+GPU_LINE = 128
+
 # Bytes in use at a time by a block of a fused sweep, and its rows per row of halo.
 WORKING_SET = 6 << 20
 HALO = 32
@@ -100,6 +103,8 @@ class GridGeometry(Geometry):
         Numbers in a pack, N.
     itemsize : int
         Bytes of a number.
+    line : int
+        Bytes at whose multiples rows begin, on a GPU; 0 if they only begin at whole packs.
     """
 
     shape: tuple[int, ...]
@@ -108,13 +113,15 @@ class GridGeometry(Geometry):
     jump: int
     lanes: int
     itemsize: int
+    line: int = 0
 
     @classmethod
-    def of(cls, graph: GridGraph, lanes: int, itemsize: int) -> GridGeometry:
-        """Make the geometry of a grid graph."""
+    def of(cls, graph: GridGraph, lanes: int, itemsize: int, line: int = 0) -> GridGeometry:
+        """Make the geometry of a grid graph; `line` is for rows that are at least twice as long."""
         columns, rows = graph.offsets[:, -1], graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
         reach, jump = (int(np.abs(steps).max(initial=0)) for steps in (columns, rows))
-        return cls(graph.shape, graph.half_window, reach, jump, lanes, itemsize)
+        line = line if graph.shape[-1] * itemsize >= 2 * line else 0
+        return cls(graph.shape, graph.half_window, reach, jump, lanes, itemsize, line)
 
     @cached_property
     def W(self) -> int:
@@ -126,6 +133,16 @@ class GridGeometry(Geometry):
         """Number of rows: the product of all axes but the last."""
         return math.prod(self.shape[:-1])
 
+    @property
+    def multiple(self) -> int:
+        """Numbers at whose multiples rows begin."""
+        return max(self.lanes, self.line // self.itemsize)
+
+    @property
+    def stream_lanes(self) -> int:
+        """Numbers in a pack of a kernel without neighbours: 16 bytes if a GPU's rows are aligned, otherwise N."""
+        return 16 // self.itemsize if self.line else self.lanes
+
     @cached_property
     def pitch(self) -> int:
         """Numbers from one row of a function to the next."""
@@ -134,7 +151,7 @@ class GridGeometry(Geometry):
     @cached_property
     def guard(self) -> int:
         """Zeros before and after the rows of a function."""
-        return round_up(self.jump * self.pitch + self.reach + self.lanes, self.lanes)
+        return round_up(self.jump * self.pitch + self.reach + self.lanes, self.multiple)
 
     @cached_property
     def plane(self) -> int:
@@ -149,7 +166,7 @@ class GridGeometry(Geometry):
     @cached_property
     def weight_guard(self) -> int:
         """Zeros before and after the rows of weights."""
-        return round_up(self.reach + self.lanes - 1, self.lanes)
+        return round_up(self.reach + self.lanes - 1, self.multiple)
 
     @property
     def compiled_in(self) -> bool:
@@ -171,10 +188,12 @@ class GridGeometry(Geometry):
         return self.weight_guard + self.rows * 2 * self.half_window * channels * self.weight_pitch + self.weight_guard
 
     def spread(self, cells: int) -> int:
-        """Return the pitch of rows of `cells` cells: whole packs, and not an even number of cache lines.
+        """Return the pitch of rows of `cells` cells: whole packs, and on a CPU not an even number of cache lines.
 
         With a pitch of 1024 all rows would begin in the same set of a cache, which has room for about 8.
         """
+        if self.line:
+            return round_up(cells, self.multiple)
         packs, line = round_up(cells, self.lanes), CACHE_LINE // self.itemsize
         return packs + line if packs % (2 * line) == 0 else packs
 

@@ -62,8 +62,11 @@ class GroupTiles:
         room = self.itemsize * (self.cells + segments * run - side) + 2 * _SEARCH
         return own <= _DISTANCES and _SEARCH <= items and room <= min(local_bytes, _LOCAL_BYTES)
 
-    def fits_step(self, local_bytes: int, items: int) -> bool:
-        """Whether the step has room: work items for the rows of the matrix, local memory for matrix and tiles."""
+    def fits_step(self, local_bytes: int, items: int, *, far: bool = False) -> bool:
+        """Whether the step has room: work items for the rows of the matrix, local memory for matrix and tiles.
+
+        With `far` the tiles are in global memory.
+        """
         cells, most = self.form.cells, self.form.most
         if cells > self.step_items or 2 * self.form.patch[-1] + 1 > _LINE or self.step_items > items:
             return False
@@ -71,7 +74,7 @@ class GroupTiles:
         parts = self.step_items // cells
         columns = 4 * -(-cells // (4 * parts))
         batch = 3 * (self.step_items // lines)
-        numbers = 2 * self.cells + cells * (cells + batch + 3) + 2 * parts * columns
+        numbers = 2 * self.cells * (not far) + cells * (cells + batch + 3) + 2 * parts * columns
         return self.itemsize * numbers + 8 * most + _ALIGNMENT <= min(local_bytes, _LOCAL_BYTES)
 
     @property

@@ -103,8 +103,8 @@ class _Lattice:
 class OpenCLGroups(OpenCLCells):
     """Groups of patches: the search and the step are one kernel each, on a GPU one work group a reference.
 
-    Forms that have no room in the local memory of a GPU use the kernels of a CPU there, one work item a reference or a
-    block of them, whose private arrays a GPU has in its slow memory.
+    A form whose tiles have no room in the local memory of a GPU has them in global memory. One whose matrix has none
+    uses the kernels of a CPU, one work item a reference or a block of them, with private arrays in memory.
     """
 
     def _lattice(self, graph: GridGraph, form: GroupForm) -> _Lattice:
@@ -206,8 +206,9 @@ class OpenCLGroups(OpenCLCells):
             groups.sizes,
         ]
         tiles = GroupTiles(form, channels, self.dtype.itemsize)
-        if self.device.kind == "gpu" and tiles.fits_step(*self._room):
-            self._add_tiles(lattice, tiles, of_groups, sums, counts)
+        near = tiles.fits_step(*self._room)
+        if self.device.kind == "gpu" and (near or tiles.fits_step(*self._room, far=True)):
+            self._add_tiles(lattice, tiles, of_groups, (sums, counts), far=not near)
         else:
             self._add_blocks(lattice, channels, [*of_groups, sums, counts])
         out = self.empty(graph, channels)
@@ -234,22 +235,33 @@ class OpenCLGroups(OpenCLCells):
             self._on_lattice("group_step", options, args, size)
 
     def _add_tiles(
-        self, lattice: _Lattice, tiles: GroupTiles, of_groups: list[Any], sums: cl.Buffer, counts: cl.Buffer
+        self,
+        lattice: _Lattice,
+        tiles: GroupTiles,
+        of_groups: list[Any],
+        whole: tuple[cl.Buffer, cl.Buffer],
+        *,
+        far: bool,
     ) -> None:
-        """Add the changes of all groups, a work group per reference, which has the sums in a tile of its own."""
+        """Add the changes of all groups, a work group per reference, which has the sums in a tile of its own.
+
+        `whole` are the sums and counts of the grid. With `far` the tiles have no room in local memory.
+        """
         shape, form = lattice.graph.shape, lattice.form
         lattice_args = lattice.args(tiles.channels)
         at_once = tiles.at_once(math.prod(form.counts(shape)))
         scratch, marks = self._scratch(at_once * tiles.numbers), self._allocate(at_once * form.places)
+        values = self._allocate(at_once * tiles.cells * tiles.itemsize) if far else self._nothing
+        options = (*lattice.options(), *(("-DFAR",) if far else ()))
         for first, last, cells in tiles.ranges(shape):
-            args = [*lattice_args, np.int32(first), *of_groups, scratch, marks]
-            self._on_lattice("group_step_gpu", lattice.options(), args, (last - first,), tiles.step_items)
+            args = [*lattice_args, np.int32(first), *of_groups, scratch, marks, values]
+            self._on_lattice("group_step_gpu", options, args, (last - first,), tiles.step_items)
             begin, size = (
                 lattice.along(tuple(values), beyond)
                 for values, beyond in (([x.start for x in cells], 0), ([len(x) for x in cells], 1))
             )
             args = [*lattice_args, _int4(begin), np.int32(first), np.int32(last)]
-            args += [scratch, marks, of_groups[-1], sums, counts]
+            args += [scratch, marks, of_groups[-1], *whole]
             self._on_lattice("group_gather", lattice.options(), args, (-(-size[0] // _CELLS), *size[1:]), _CELLS)
 
 

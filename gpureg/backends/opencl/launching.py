@@ -23,13 +23,17 @@ from ..types import Array, Conductance, Smoothness, Weighted
 from .buffers import Function, OpenCLBuffers, Recomputed
 from .failing import built, raise_if_full
 from .geometry import round_up
-from .layout import GridLayout
+from .layout import Collected, GridLayout
 from .queue import KernelKey
 from .recording import Record
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
 _MIRRORED = ("adjoint", "primal", "duality_gap")
+
+# Primitives without neighbours. On a GPU a work item reads 16 bytes at once: cores have 2048 work items at most, and
+# with 4 bytes for each the reads under way would not use all of the bandwidth.
+_STREAMS = ("dot", "combine", "max_change", "mix")
 
 # Work items of a group on a GPU.
 _GPU_GROUP = 64
@@ -74,13 +78,15 @@ class OpenCLLaunches(OpenCLBuffers):
         exact: bool = False,
         local: tuple[int, ...] | None = None,
         sums: int | None = None,
+        for_edges: bool = False,
     ) -> None:
         """Run a kernel over the graph's packs, or over `size` work items, in groups of `local`.
 
         On a GPU and on a stored graph, we choose the size of a group and round the number of work items up: a driver
         would choose groups of 1 for a prime number of work items. With `local` it is not rounded, nor with `exact` (a
         sum on a grid, whose kernel uses the number of work items), where the driver chooses.
-        `sums` is how many numbers the kernel collects over the edges of a vertex; None: a vertex has one work item.
+        `sums` is how many numbers the kernel collects over the edges of a vertex, `for_edges` whether it needs them at
+        all these edges; None: a vertex has one work item.
         """
         layout = weighted.topology
         weights, extra = weighted.weights, [self._nothing, self.real(0), self.real(0)]
@@ -91,11 +97,16 @@ class OpenCLLaunches(OpenCLBuffers):
         elif weights is not None:
             options += ("-DGAMMA",) if weighted.directed else ("-DWEIGHTED",)
             options += ("-DHALF_WEIGHTS",) if weighted.storage == "half" else ()
+        width = layout.width
+        if primitive in _STREAMS and isinstance(layout, GridLayout) and layout.geometry.line:
+            width, options = layout.geometry.stream_lanes, ("-DALIGNED", *options)
+            size = size or (-(-layout.geometry.W // width), layout.geometry.rows)
         mirrored, buffer = weighted.directed or primitive in _MIRRORED, self._nothing if weights is None else weights
+        collected = None if sums is None else Collected(sums, self.dtype.itemsize, for_edges)
         with self._shared.lock:
-            for one in layout.launches(buffer, mirrored, sums, self._allocate, self.dtype.itemsize):
+            for one in layout.launches(buffer, mirrored, collected, self._allocate):
                 graph_args = [*one.args, *(extra if isinstance(layout, GridLayout) else ())]
-                chosen = (*one.options, f"-DN={layout.width}", *options)
+                chosen = (*one.options, f"-DN={width}", *options)
                 groups, items = local, size or one.size
                 group = layout.group or (_GPU_GROUP if self.device.kind == "gpu" and not exact else None)
                 if group is not None and local is None:

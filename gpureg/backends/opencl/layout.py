@@ -39,6 +39,25 @@ def window_runs(offsets: IntArray) -> IntArray:
 
 
 @dataclass(frozen=True)
+class Collected:
+    """What a kernel collects over the edges of a vertex, whose work items several may be.
+
+    Attributes
+    ----------
+    sums : int
+        Numbers per vertex.
+    itemsize : int
+        Bytes of a number.
+    for_edges : bool
+        Whether the kernel needs them to write at all edges of the vertex.
+    """
+
+    sums: int
+    itemsize: int
+    for_edges: bool = False
+
+
+@dataclass(frozen=True)
 class Launch:
     """One launch of a kernel over a graph.
 
@@ -121,12 +140,9 @@ class Layout(ABC):
         """Return the kernel arguments GRAPH_ARGS; `mirrored` if the kernel reads the opposite of an edge."""
 
     def launches(
-        self, weights: Buffer, mirrored: bool, sums: int | None, allocate: Callable[[int], Buffer], itemsize: int
+        self, weights: Buffer, mirrored: bool, collected: Collected | None, allocate: Callable[[int], Buffer]
     ) -> Iterator[Launch]:
-        """Return the launches of a kernel, one after the other.
-
-        `sums` is how many numbers the kernel collects over the edges of a vertex, None if no work items may share one.
-        """
+        """Return the launches of a kernel, one after the other; without `collected` no work items share a vertex."""
         yield Launch(self.options, self.args(weights, mirrored), self.global_size)
 
 

@@ -22,7 +22,7 @@ _ROWS = (16, 12, 8, 4)
 # Channels of a launch, where all of them have no room.
 _CHANNELS = 4
 # Largest patches, and largest averaged ones: beyond them the kernels have no sums.
-_RADIUS, _AVERAGE = 8, 3
+_RADIUS, LARGEST_AVERAGE = 8, 3
 # 32-bit numbers of a work item in registers at most, of 255 registers: the rest is for addresses and products.
 _REGISTERS = 160
 # Local memory that a kernel may use without options of a driver: 48 KiB on NVIDIA's, 64 on AMD's.
@@ -99,7 +99,7 @@ class PatchTiles:
         All channels are in one launch if they have room, otherwise a few.
         """
         form = self.form
-        if form.radius > _RADIUS or form.average > _AVERAGE or (form.profile != form.profile[::-1]).any():
+        if form.radius > _RADIUS or form.average > LARGEST_AVERAGE or (form.profile != form.profile[::-1]).any():
             return None
         for rows in _ROWS:
             blocks = replace(self, rows=rows)

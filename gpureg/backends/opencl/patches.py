@@ -44,6 +44,8 @@ class OpenCLPatches(OpenCLTiledPatches):
         return (channels * plane, *mask)
 
     def step_bytes(self, graph: GridGraph, channels: int, guide: int | None, radius: int) -> tuple[int, ...]:
+        if self._always_tiled(graph, channels, channels if guide is None else guide, radius):
+            return () if guide is None else (self.function_bytes(graph, guide),)
         strips = self._strips(graph, PatchForm(np.ones(2 * radius + 1)), 1 + channels)
         arrays = self._plane_bytes(strips, channels)
         if guide is not None:

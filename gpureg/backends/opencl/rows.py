@@ -11,13 +11,16 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...graphs.csr import Graph
 from .geometry import CsrGeometry, SlicedGeometry
-from .layout import Buffer, CsrLayout, Launch, Upload
+from .layout import Buffer, Collected, CsrLayout, Launch, Upload
 
-# Rows of a slice, and the most room of the slices per edge: otherwise a row is a work item's or a team's.
-SLICE, _ROOM = 32, 1.6
+# Rows of a slice; the most room of the slices per edge, and the mean degree from which there are none: otherwise a row
+# is a work item's or a team's.
+SLICE, _ROOM, _DENSE = 32, 1.6, 32
 
-# Mean degrees from which a team has so many work items; below it is one.
-_TEAMS = ((32.0, 32), (6.0, 8))
+# Mean degrees from which a team has so many work items; below it is one. Counted, not measured, for a Jacobi step on a
+# scale-free graph of mean degree 8 on sm_90: 28, 70, 122 and 459 instructions per edge for 1, 4, 8 and 32 work items,
+# and 2 lines of the cache per edge for 1, 1.2 for 4 and 8.
+_TEAMS = ((64.0, 32), (16.0, 8), (6.0, 4))
 
 # The longest whole row is so many edges for each work item of a team, and at least _LEAST_PIECE; so is a piece.
 _TRIPS, _LEAST_PIECE = 16, 64
@@ -49,7 +52,7 @@ def team_size(n: int, n_edges: int) -> int:
 def csr_geometry(graph: Graph, gpu: bool) -> CsrGeometry:
     """Choose the form of a stored graph; rows of similar lengths, and not dense ones, are in slices on a GPU."""
     n, n_edges = graph.n_vertices, graph.n_edges
-    if gpu and n_edges and team_size(n, n_edges) < SLICE:
+    if gpu and 0 < n_edges < _DENSE * n:
         size = int(slice_starts(graph.indptr)[-1])
         if size <= _ROOM * n_edges:
             return SlicedGeometry(n, size)
@@ -138,28 +141,36 @@ class TeamLayout(CsrLayout):
         starts = np.append(graph.indptr[rows] + piece * within, graph.n_edges)
         cut = count[rows] > 1
         pieces = np.where(cut, np.cumsum(cut) - 1, -1)
-        self._n, self._n_pieces, self._n_hubs = len(rows), int(cut.sum()), len(hubs)
+        self._n, self._n_pieces = len(rows), int(cut.sum())
         self._starts = self._upload(starts)
         self._rows, self._pieces = (self._upload(x.astype(index)) for x in (rows, pieces))
-        first = np.concatenate([[0], np.cumsum(count[hubs])])
-        self._hubs, self._first = (self._upload(x.astype(index)) for x in (hubs, first))
+        # of each hub, and of each piece: its vertex, its edges, and the pieces of the whole row
+        ends = np.cumsum(count[hubs])
+        of_row, of_piece = np.stack([ends - count[hubs], ends], axis=1), np.repeat(np.arange(len(hubs)), count[hubs])
+        whole = np.stack([graph.indptr[hubs], graph.indptr[hubs + 1]], axis=1)
+        part = np.stack([starts[:-1], starts[1:]], axis=1)[cut]
+        self._of_hubs, self._of_pieces = (
+            (len(vertices), self._upload(edges), [self._upload(x.astype(index)) for x in (vertices, added)])
+            for vertices, edges, added in ((hubs, whole, of_row), (rows[cut], part, of_row[of_piece]))
+        )
 
     def launches(
-        self, weights: Buffer, mirrored: bool, sums: int | None, allocate: Callable[[int], Buffer], itemsize: int
+        self, weights: Buffer, mirrored: bool, collected: Collected | None, allocate: Callable[[int], Buffer]
     ) -> Iterator[Launch]:
-        if sums is None:
-            yield from super().launches(weights, mirrored, sums, allocate, itemsize)
+        if collected is None:
+            yield from super().launches(weights, mirrored, collected, allocate)
             return
-        nbytes = sums * self._n_pieces * itemsize
+        nbytes = collected.sums * self._n_pieces * collected.itemsize
         if nbytes and (self._sums is None or self._sums.size < nbytes):
             self._sums = allocate(nbytes)
         there = self._sums or self._nothing
-        _, indptr, *edges = self.args(weights, mirrored)
+        _, _, *edges = self.args(weights, mirrored)
         group = f"-DGROUP={self.group}"
         options = (*self.options, group, f"-DTEAM={self._team}", *(("-DSPLIT",) if self._n_pieces else ()))
         pieces = [self._rows, self._pieces, np.int64(self._n_pieces), there]
         yield Launch(options, [np.int64(self._n), self._starts, *edges, *pieces], (self._n * self._team,))
         if nbytes:
             options = (*self.options, group, f"-DTEAM={_HUB_TEAM}", "-DHUBS")
-            pieces = [self._hubs, self._first, np.int64(self._n_pieces), there]
-            yield Launch(options, [np.int64(self._n_hubs), indptr, *edges, *pieces], (self._n_hubs * _HUB_TEAM,))
+            count, starts, rows = self._of_pieces if collected.for_edges else self._of_hubs
+            pieces = [*rows, np.int64(self._n_pieces), there]
+            yield Launch(options, [np.int64(count), starts, *edges, *pieces], (count * _HUB_TEAM,))

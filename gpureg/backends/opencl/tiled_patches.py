@@ -9,7 +9,7 @@ from ..patches import PatchForm
 from ..types import Array
 from .cells import OpenCLCells
 from .geometry import GridGeometry
-from .patch_tiles import ITEMS, PatchTiles
+from .patch_tiles import ITEMS, LARGEST_AVERAGE, PatchTiles
 
 
 class OpenCLTiledPatches(OpenCLCells):
@@ -24,6 +24,11 @@ class OpenCLTiledPatches(OpenCLCells):
             return None
         tiles = PatchTiles(graph, form, self.dtype.itemsize, compared, channels, guided, largest)
         return tiles.that_fits(int(handle.local_mem_size))
+
+    def _always_tiled(self, graph: GridGraph, channels: int, compared: int, radius: int) -> bool:
+        """Return whether a step with patches of this radius has room in tiles, whatever else its form needs."""
+        form = PatchForm(np.ones(2 * radius + 1), maps=np.empty(0), average=LARGEST_AVERAGE)
+        return self._patch_tiles(graph, form, compared, channels, guided=True, largest=True) is not None
 
     def _tiled_step(self, tiles: PatchTiles, f: Array, guide: Array, f0: Array, lam: float | Array, out: Array) -> None:
         """Do one Jacobi sweep at p = 2 from `f` to `out`; the patches are those of `guide`, functions on the device."""

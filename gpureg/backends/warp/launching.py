@@ -28,9 +28,9 @@ from ..bands import BY_ROWS, Bands
 from ..failures import build_failed
 from ..protocol import Backend
 from ..recorded import Parameter, Replay, Work
-from ..types import Array, Conductance, Device, Smoothness, Weighted, host_weights
+from ..types import Array, Conductance, Device, Smoothness, Storage, Weighted, host_weights
 from . import memory, pool
-from .layout import Bound, Csr, Grid, channels_of, equal_cuts
+from .layout import Bound, Csr, Grid, Recomputed, channels_of, equal_cuts, form_of
 from .pool import PACK_BYTES, PACK_SPEED, PIECES, RUN, CompileError, compiled, launch_all
 from .recording import Record
 
@@ -72,11 +72,11 @@ class WarpLaunches(Backend):
             self._layouts[graph] = found
         return found
 
-    def _bind(self, graph: AnyGraph, weights: Any, directed: bool = False) -> Weighted:
+    def _bind(self, graph: AnyGraph, weights: Any, directed: bool = False, storage: Storage = "full") -> Weighted:
         layout = self._layout(graph)
-        form = "gamma" if directed else "unit" if weights is None else "weights"
+        form = "gamma" if directed else form_of(weights)
         bound = Bound(layout, layout.access(form), layout.argument(weights, directed))
-        return Weighted(graph, bound, weights, directed)
+        return Weighted(graph, bound, weights, directed, storage)
 
     def channels(self, x: Array) -> int:
         return channels_of(x)
@@ -104,7 +104,14 @@ class WarpLaunches(Backend):
     def get_weights(self, weighted: Weighted) -> FloatArray | None:
         if weighted.weights is None:
             return None
-        return np.array(weighted.topology.layout.unpack_weights(weighted.weights.numpy()))
+        if isinstance(weighted.weights, Recomputed):
+            return self.get_weights(self._stored(weighted.graph, weighted.weights))
+        return np.array(weighted.topology.layout.unpack_weights(weighted.weights.numpy())).astype(self.dtype)
+
+    def _stored(self, graph: AnyGraph, weights: Recomputed) -> Weighted:
+        """Store weights that are computed at each use."""
+        compared = self.get(graph, weights.compared)[:, : weights.channels]
+        return self.patch_distance(graph, compared, weights.form)
 
     def prepare_gamma(self, graph: AnyGraph, gamma: FloatArray) -> Weighted:
         return self._bind(graph, self._upload_reals(self._layout(graph).pack_gamma(gamma)), directed=True)
@@ -162,6 +169,7 @@ class WarpLaunches(Backend):
             inputs=[*inputs, wp.vec2i(0, 0)],
             outputs=[out],
             device=self._on,
+            block_dim=getattr(kernel, "threads", None),
             record_cmd=True,
         )
         commands = [command]

@@ -16,6 +16,7 @@ from ...graphs.csr import Graph
 from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph, row_major
 from ...kernels.warp import csr, grid
+from ..patches import PatchForm
 from ..types import Array, DeviceCopies
 
 Upload = Callable[[npt.NDArray[Any], Any], Any]
@@ -25,6 +26,38 @@ Upload = Callable[[npt.NDArray[Any], Any], Any]
 def equal_cuts(size: int, pieces: int) -> list[int]:
     """Return where to cut a range into pieces of the same size, (pieces + 1)."""
     return [size * i // pieces for i in range(pieces + 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Recomputed:
+    """The data from which a grid's weights between single cells are computed at each use.
+
+    Attributes
+    ----------
+    compared : object
+        The function that they compare, with the mask as one more channel if there is one.
+    nearness : object
+        (H,): spatial factors.
+    channels : int
+        Channels without the mask.
+    masked : bool
+    form : PatchForm
+    """
+
+    compared: Any
+    nearness: Any
+    channels: int
+    masked: bool
+    form: PatchForm
+
+
+def form_of(weights: Any) -> Any:
+    """Return the form of undirected edges, as in ``grid.py``."""
+    if isinstance(weights, Recomputed):
+        return weights.channels, weights.masked
+    if weights is None:
+        return "unit"
+    return "half" if weights.dtype == wp.float16 else "weights"
 
 
 class Csr:
@@ -105,7 +138,7 @@ class Grid:
         self.weight_shape = (self.shape[0], max(self.H, 1), self.shape[1])
         self._graph_shape = graph.shape
         self._real = real
-        self._struct, place, sizes = grid.struct(self._real, graph.ndim)
+        place, sizes = grid.places(graph.ndim)
         leading = graph.ndim - 1 if graph.ndim > 2 else 0
         rows = graph.offsets[:, :-1] @ row_major(graph.shape[:-1])
         self._reach = int(np.abs(graph.offsets[:, -1]).max(initial=0))
@@ -143,15 +176,20 @@ class Grid:
     def pack_gamma(self, gamma: FloatArray) -> FloatArray:
         return self.pack_edges(gamma)[..., 0]
 
-    def access(self, form: str) -> Any:
+    def access(self, form: Any) -> Any:
         return grid.make(self._real, len(self._graph_shape), form)
 
     def argument(self, weights: Any, mirrored: bool) -> Any:
-        argument = self._struct()
+        form = form_of(weights)
+        stored = "full" if form in ("unit", "weights") else form
+        argument = grid.struct(self._real, len(self._graph_shape), stored)()
         argument.n_rows, argument.width = self.shape
         argument.H, argument.sizes, argument.offsets = self.H, self._sizes, self.offsets
         argument.reach = self._reach
-        if weights is not None:
+        if isinstance(weights, Recomputed):
+            argument.compared, argument.nearness = weights.compared, weights.nearness
+            argument.shift, argument.scale = weights.form.shift, weights.form.scale
+        elif weights is not None:
             argument.weights = weights
         return argument
 

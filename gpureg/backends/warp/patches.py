@@ -16,14 +16,17 @@ from ...kernels.warp import (
     patch_distance,
     reals,
     similarity_step,
+    similarity_step_gpu,
     strip,
 )
+from ...kernels.warp.similarity_step_gpu import ITEMS
 from ..patches import PatchForm, padded_for_patches, padded_shape, patch_jumps, patch_lines
-from ..types import Array, BackendUnavailable, Storage, Weighted, expect_stored
+from ..types import Array, Storage, Weighted, expect_storage, expect_stored
 from . import memory
-from .layout import channels_of
+from .layout import Recomputed, channels_of
 from .planes import WarpPlanes
 from .pool import PACK_SPEED
+from .tiles import Tiles
 
 # A block of cells on the CPU: its rows, bytes of a pack, and packs of a row with two sums per cell, or fewer packs with
 # more sums: the sums of a work item fit the L2 cache.
@@ -89,6 +92,7 @@ class WarpPatches(WarpPlanes):
     """Weights computed from patches, and one step with weights that are not stored."""
 
     averages = True
+    storages = ("full", "half", "none")
 
     def patch_bytes(self, graph: AnyGraph, channels: int, radius: int) -> tuple[int, ...]:
         if not isinstance(graph, GridGraph):
@@ -108,16 +112,16 @@ class WarpPatches(WarpPlanes):
     def _blocks(self, graph: GridGraph, radius: int, average: int, sums: int) -> _Blocks:
         """Return the blocks for patches of a radius, averaged over a radius, with so many sums per cell."""
         N, S, B = 1, 1, 1
-        if self._on.is_cpu:
+        if self.device.kind == "cpu":
             N, S = _PACK_BYTES // self.dtype.itemsize, _ROWS if graph.ndim > 1 else 1
             while B * sums < _PACKS * 2 and B < _PACKS:
                 B *= 2
         return _Blocks(graph, radius, average, N, S, B, self.dtype.itemsize)
 
     def _patches(
-        self, blocks: _Blocks, form: PatchForm, compared: Array, offsets: IntArray, spatial: FloatArray
-    ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the struct of ``strip.py``, and the form of its source; `compared` is a function on the device."""
+        self, blocks: _Blocks | Tiles, form: PatchForm, compared: Array, offsets: IntArray, spatial: FloatArray
+    ) -> Any:
+        """Return the struct of ``strip.py``; `compared` is a function on the device."""
         graph, r, ndim, shape = blocks.graph, form.radius, blocks.graph.ndim, blocks.shape
         place = ((r,) * ndim, shape, (0,) * (ndim - 1) + (blocks.left,))
         maps = None if form.scale is None else form.maps
@@ -139,9 +143,13 @@ class WarpPatches(WarpPlanes):
         patches.line_weights = self._upload_reals(leading.ravel())
         patches.shift, patches.scale = form.shift, 0.0 if form.scale is None else form.scale
         patches.cut = form.cut
-        flat = bool((form.profile == 1).all())
-        size = (blocks.N, blocks.S, blocks.B)
-        return patches, (ndim, self.channels(compared), r, blocks.average, flat, maps is not None, *size)
+        return patches
+
+    def _source(self, blocks: _Blocks, form: PatchForm, compared: Array) -> tuple[Any, ...]:
+        """Return the form of the source of ``strip.py``."""
+        sums = (self.channels(compared), form.radius, blocks.average, bool((form.profile == 1).all()))
+        maps = form.scale is not None and form.maps is not None
+        return (blocks.graph.ndim, *sums, maps, blocks.N, blocks.S, blocks.B)
 
     def _work(self, graph: GridGraph, form: PatchForm, offsets: IntArray, channels: int) -> int:
         """Return the work of a launch over the cells of a grid."""
@@ -150,20 +158,28 @@ class WarpPatches(WarpPlanes):
     def patch_distance(
         self, graph: AnyGraph, f: Array | FloatArray, form: PatchForm, *, storage: Storage = "full"
     ) -> Weighted:
-        if storage != "full":
-            raise BackendUnavailable("Warp stores weights in full: float16 weights and recomputed weights need OpenCL")
+        expect_storage(graph, form, storage)
         layout, similarity = self._layout(graph), form.scale is not None
         if isinstance(graph, GridGraph):
-            weights = memory.zeros(layout.weight_shape, dtype=self.real, device=self._on)
+            half = np.ones(graph.half_window) if form.spatial is None else form.spatial
+            if storage == "none":
+                compared, masked = self.on_host(graph, f), graph.mask is not None
+                if graph.mask is not None:
+                    compared = np.concatenate([compared, graph.mask.reshape(-1, 1)], axis=1, dtype=self.dtype)
+                data = Recomputed(
+                    self.put(graph, compared), self._upload_reals(half), compared.shape[1] - masked, masked, form
+                )
+                return self._bind(graph, data, storage=storage)
+            kind = wp.float16 if storage == "half" else self.real
+            weights = memory.zeros(layout.weight_shape, dtype=kind, device=self._on)
             if graph.half_window:
-                compared, offsets = self.on_device(graph, f), graph.forward_offsets
+                function, offsets = self.on_device(graph, f), graph.forward_offsets
                 blocks = self._blocks(graph, form.radius, 0, 2)
-                half = np.ones(graph.half_window) if form.spatial is None else form.spatial
-                patches, source = self._patches(blocks, form, compared, offsets, half)
-                work = self._work(graph, form, offsets, self.channels(compared))
-                made = (self.real, similarity, source)
+                patches = self._patches(blocks, form, function, offsets, half)
+                work = self._work(graph, form, offsets, self.channels(function))
+                made = (self.real, similarity, storage == "half", self._source(blocks, form, function))
                 self._launch(blocks.count, patch_distance.make_grid, made, [patches], weights, work=work)
-            return self._bind(graph, weights)
+            return self._bind(graph, weights, storage=storage)
         padded, sites = padded_for_patches(graph, self.on_host(graph, f), form.radius)
         m, shape = padded.shape[0], padded.shape[1:]
         window = form.window(len(shape))
@@ -219,14 +235,30 @@ class WarpPatches(WarpPlanes):
         values = self.on_device(graph, f)
         compared, M = values if guide is None else self.on_device(graph, guide), self.channels(values)
         out = self.empty(graph, M) if out is None else out
-        blocks = self._blocks(graph, form.radius, form.average, 1 + M + largest)
+        blocks: _Blocks | Tiles = self._blocks(graph, form.radius, form.average, 1 + M + largest)
+        tiles = self._tiles(graph, form, self.channels(compared), M)
+        blocks = blocks if tiles is None else tiles
         half = np.ones(graph.half_window) if form.spatial is None else form.spatial
-        patches, source = self._patches(blocks, form, compared, graph.offsets, np.concatenate([half[::-1], half]))
+        patches = self._patches(blocks, form, compared, graph.offsets, np.concatenate([half[::-1], half]))
         planes = patches.f
         if guide is not None:
             before = (0,) * (graph.ndim - 1) + (blocks.left,)
             planes = self._planes(graph, values, (form.radius,) * graph.ndim, blocks.shape, before)
-        options = (self.real, M, isinstance(lam, wp.array), largest, source)
         work = self._work(graph, form, graph.offsets, self.channels(compared))
+        options: tuple[Any, ...] = (self.real, M, isinstance(lam, wp.array), largest)
+        if isinstance(blocks, Tiles):
+            flat, items = bool((form.profile == 1).all()), 1 if self._on.is_cpu else ITEMS
+            source = (blocks.compared, form.radius, form.average, flat, form.maps is not None, blocks.rows)
+            inputs = [patches, planes, self._upload_reals(blocks.table(form).ravel()), wp.vec2i(*blocks.reach), f0, lam]
+            options = (*options, source, items)
+            self._launch((blocks.count, items), similarity_step_gpu.make, options, inputs, out, work=work)
+            return out
+        options = (*options, self._source(blocks, form, compared))
         self._launch(blocks.count, similarity_step.make, options, [patches, planes, f0, lam], out, work=work)
         return out
+
+    def _tiles(self, graph: GridGraph, form: PatchForm, compared: int, channels: int) -> Tiles | None:
+        """Return the blocks whose threads share a tile; None on a CPU, and where there is no room or are more axes."""
+        if self.device.kind == "cpu" or graph.ndim != 2:
+            return None
+        return Tiles(graph, form.radius, form.average, compared, channels, self.dtype.itemsize).that_fit()

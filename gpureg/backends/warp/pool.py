@@ -49,7 +49,7 @@ def compiled(alias: str, make: Callable[..., Any], *options: Any) -> Any:
     with _compiling, quiet():
         kernel = make(*options)
         try:
-            wp.load_module(kernel.module, alias)
+            wp.load_module(kernel.module, alias, block_dim=getattr(kernel, "threads", None))
         except MemoryError:
             raise
         except Exception as error:  # Warp raises many kinds: of its own, of the compiler, of the system
