@@ -86,15 +86,15 @@ class Count:
         return max(bounds, key=lambda name: bounds[name])
 
 
-# Pixels of a window of 21 x 21, and of the halo of a tile of 64 x 32 for one pixel.
-WINDOW, HALO = 441, 1.22
-_LOOP = "instructions of the loop"
+# Pixels of a window of 21 x 21; work items of a tile of 64 x 32 or 64 x 16 per pixel that it writes.
+WINDOW, TILE, SMALL_TILE = 441, 256 / (60 * 28), 256 / (60 * 12)
+_LOOP, _TILE = "instructions of the loop", "instructions of a tile"
 
 COUNTS: dict[str, Count] = {
-    # f, f0 and the result once; weights once per pair
-    "sweep, 4 neighbours": Count(12, 61 * HALO, 8.8 * HALO, source=_LOOP),
-    "sweep, 8 neighbours, weights": Count(28, 113 * HALO, 8.8 * HALO, source=_LOOP),
-    "sweep, 4 neighbours, RGB": Count(36),
+    # f, f0 and the result once; weights once per pair; all instructions of a tile inside, with the hardware's rsqrt
+    "sweep, 4 neighbours": Count(12, 573 * TILE, 75 * TILE, source=_TILE),
+    "sweep, 8 neighbours, weights": Count(28, 1153 * TILE, 95 * TILE, source=_TILE),
+    "sweep, 4 neighbours, RGB": Count(36, 636 * SMALL_TILE, 101 * SMALL_TILE, source=_TILE),
     "sweep, volume, 6 neighbours": Count(24, launches=2),
     # 25 instructions per 4 terms, and a second launch for what the groups found
     "dot": Count(8, 25 / 4, launches=2, source=_LOOP),
@@ -113,8 +113,9 @@ COUNTS: dict[str, Count] = {
     "nonlocal means, 7x7, averaged": Count(8, 53.8 * WINDOW, 10.4 * WINDOW, source=_LOOP),
     "nonlocal means, 7x7, RGB": Count(24, 61.7 * WINDOW, 10.1 * WINDOW, source=_LOOP),
     "bilateral, 21x21": Count(8, 21.8 * WINDOW, 0.2 * WINDOW, source=_LOOP),
-    # the averaged filter with Gaussian patches of a guide (63.5; RGB 3 x 3, 71), then groups of 25 and 49 samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel
-    # were counted at every 16th; the image there and back
+    # the averaged filter with Gaussian patches of a guide (63.5; RGB with 3 x 3 patches 71), then groups of 25 and 49
+    # samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel were counted at every 16th; the image there and
+    # back
     "denoise_image, grey": Count(
         8, 63.5 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source="the kernels, and 2 transfers"
     ),
