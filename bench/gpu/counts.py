@@ -104,11 +104,12 @@ COUNTS: dict[str, Count] = {
     "dual step, p = 1": Count(4 * (3 * 4 + 2)),
     "primal": Count(4 * (4 + 2)),
     "duality gap, p = 1": Count(4 * (4 + 2), launches=2),
-    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs
-    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, launches=2),
-    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, launches=2),
-    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90, without idle lanes; exponentials by the
-    # library's polynomial
+    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs.
+    # In OpenCL: a work item a row of roads; teams of 4 and pieces of long rows, which take two launches more
+    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, 335, launches=2, source=_LOOP),
+    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, 1297, launches=4, source=_LOOP),
+    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90, with the share of idle lanes; exponentials
+    # by the library's polynomial
     "nonlocal means, 7x7": Count(8, 37.7 * WINDOW, 5.5 * WINDOW, source=_LOOP),
     "nonlocal means, 7x7, averaged": Count(8, 53.8 * WINDOW, 10.4 * WINDOW, source=_LOOP),
     "nonlocal means, 7x7, RGB": Count(24, 61.7 * WINDOW, 10.1 * WINDOW, source=_LOOP),
