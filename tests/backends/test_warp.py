@@ -16,6 +16,7 @@ from problems import Kind, PatchCase, oracle, problem
 
 from gpureg import backends
 from gpureg.backends import Smoothness
+from gpureg.backends.recorded import Parameter
 from gpureg.graphs.grid import GridGraph
 
 if "warp" in backends.absent():
@@ -35,6 +36,7 @@ from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends.warp import pool as warp_pool
 from gpureg.backends.warp import primitives as warp
+from gpureg.backends.warp import recording
 
 
 def everything(backend, name, channels):
@@ -177,6 +179,63 @@ def test_tiles_of_a_gpu_sweep(monkeypatch):
 
     f = cases.rng(3).random((45, 150), dtype=np.float32)
     np.testing.assert_array_equal(swept(f[7:, 11:])[2:, 2:], swept(f)[9:, 13:])
+
+
+class InventedCuda:
+    """Warp's captures, of a device that is not there."""
+
+    is_cuda = True
+
+    def __init__(self, works):
+        self.works, self.capturing, self.done, self.graphs = works, False, [], []
+
+    def ScopedCapture(self, **given):
+        device = self
+
+        class Capture:
+            def __enter__(self):
+                if not device.works:
+                    raise RuntimeError("no graphs")
+                device.capturing, device.captured = True, []
+                return self
+
+            def __exit__(self, *error):
+                device.capturing, self.graph = False, device.captured
+
+        return Capture()
+
+    def capture_launch(self, graph):
+        self.graphs.append(len(graph))
+        self.done += graph
+
+    def command(self, name):
+        device = self
+
+        class Command:
+            value = 0.0
+
+            def set_param_at_index(self, at, value):
+                self.value = value
+
+            def launch(self):
+                (device.captured if device.capturing else device.done).append((name, self.value))
+
+        return Command()
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_launches_with_the_same_numbers_become_a_graph(monkeypatch, works):
+    """From the second replay on; another number takes plain launches again; a driver without graphs takes them all."""
+    cuda = InventedCuda(works)
+    monkeypatch.setattr(recording, "wp", cuda)
+    record = recording.Record(cuda)
+    record.add([cuda.command("first")], [Parameter.of(1.0, 0)])
+    record.add([cuda.command("second")], [])
+    numbers = (0.5, 0.5, 0.5, 2.0, 0.5, 0.5)
+    for number in numbers:
+        record.replay(number)
+    assert cuda.done == [launch for number in numbers for launch in (("first", number), ("second", 0.0))]
+    assert cuda.graphs == ([2, 2, 2] if works else [])
 
 
 FORKED = """

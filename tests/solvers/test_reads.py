@@ -40,6 +40,7 @@ def reads(device: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     return found
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize(("model", "solver", "iterates"), [
     ({"p": 1, "lam": 1.0}, gr.Jacobi(check_every=7), Jacobi),
     ({"p": 3, "lam": 1.0}, gr.Jacobi(check_every=7), Jacobi),
@@ -93,7 +94,7 @@ def test_checks_do_not_change_shortened_sweeps(accelerate: bool) -> None:
     """
     given = {"p": 3, "lam": 0, "eps": 0.05, "norm": "edge", "max_iter": 15, "backend": "numpy", "dtype": float}
     shortened = 0
-    for graph, f0 in itertools.islice(rising(), 40):
+    for graph, f0 in itertools.islice(rising(), 28, 34):  # one of them raises it
         results = [
             gr.regularize(f0, graph, solver=gr.Jacobi(check_every=every, accelerate=accelerate), **given)
             for every in (1, 4, 15)
@@ -103,4 +104,4 @@ def test_checks_do_not_change_shortened_sweeps(accelerate: bool) -> None:
         if not accelerate:
             assert len({(result.value.tobytes(), result.method) for result in results}) == 1
         shortened += "shortened" in results[2].method
-    assert shortened > 0
+    assert shortened == 1
