@@ -104,24 +104,27 @@ COUNTS: dict[str, Count] = {
     "dual step, p = 1": Count(4 * (3 * 4 + 2)),
     "primal": Count(4 * (4 + 2)),
     "duality gap, p = 1": Count(4 * (4 + 2), launches=2),
-    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs
-    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, launches=2),
-    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, launches=2),
-    # per offset of the window: 27.6, 49.7 with averaged patches, 45 and 87.6 in RGB; exponentials by the hardware
-    "nonlocal means, 7x7": Count(8, 27.6 * WINDOW, 6.3 * WINDOW, source=_LOOP),
-    "nonlocal means, 7x7, averaged": Count(8, 49.7 * WINDOW, 8.7 * WINDOW, source=_LOOP),
-    "nonlocal means, 7x7, RGB": Count(24, 45 * WINDOW, 11.8 * WINDOW, source=_LOOP),
-    "bilateral, 21x21": Count(8, 15 * WINDOW, source="about 15 instructions an offset"),
-    # the averaged filter, then groups of 25 and 49 samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel
-    # were counted at every 16th; the image there and back
+    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs.
+    # In OpenCL: a work item a row of roads; teams of 4 and pieces of long rows, which take two launches more
+    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, 335, launches=2, source=_LOOP),
+    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, 1297, launches=4, source=_LOOP),
+    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90, with the share of idle lanes; exponentials
+    # by the library's polynomial
+    "nonlocal means, 7x7": Count(8, 37.7 * WINDOW, 5.5 * WINDOW, source=_LOOP),
+    "nonlocal means, 7x7, averaged": Count(8, 53.8 * WINDOW, 10.4 * WINDOW, source=_LOOP),
+    "nonlocal means, 7x7, RGB": Count(24, 61.7 * WINDOW, 10.1 * WINDOW, source=_LOOP),
+    "bilateral, 21x21": Count(8, 21.8 * WINDOW, 0.2 * WINDOW, source=_LOOP),
+    # the averaged filter with Gaussian patches of a guide (63.5; RGB with 3 x 3 patches 71), then groups of 25 and 49
+    # samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel were counted at every 16th; the image there and
+    # back
     "denoise_image, grey": Count(
-        8, 49.7 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source="the kernels, and 2 transfers"
+        8, 63.5 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source="the kernels, and 2 transfers"
     ),
     "denoise_image, grey, quality fast": Count(
-        8, 49.7 * WINDOW, host=8, launches=6, source="the kernel, and 2 transfers"
+        8, 63.5 * WINDOW, host=8, launches=6, source="the kernel, and 2 transfers"
     ),
     "denoise_image, RGB": Count(
-        24, 87.6 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source="the kernels, and 2 transfers"
+        24, 71 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source="the kernels, and 2 transfers"
     ),
 }
 """The counts by the name of a row of the table."""
