@@ -108,8 +108,8 @@ COUNTS: dict[str, Count] = {
     # In OpenCL: a work item a row of roads; teams of 4 and pieces of long rows, which take two launches more
     "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, 335, launches=2, source=_LOOP),
     "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, 1297, launches=4, source=_LOOP),
-    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90, with the share of idle lanes; exponentials
-    # by the library's polynomial
+    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90 with idle lanes; exponentials by a
+    # polynomial
     "nonlocal means, 7x7": Count(8, 37.7 * WINDOW, 5.5 * WINDOW, source=_LOOP),
     "nonlocal means, 7x7, averaged": Count(8, 53.8 * WINDOW, 10.4 * WINDOW, source=_LOOP),
     "nonlocal means, 7x7, RGB": Count(24, 61.7 * WINDOW, 10.1 * WINDOW, source=_LOOP),
