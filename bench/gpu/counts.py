@@ -2,8 +2,7 @@
 
 Bytes are those that a call must move, each array once, or what the kernel reads twice as well where its header says so.
 Instructions are those of the loops in the machine code that clang and ptxas made for sm_90, times the trips, and so are
-the words of local memory: of the kernels, as in kernels/README.md, or of prototypes of the same design. NVIDIA's own
-compiler of OpenCL may make fewer.
+the words of local memory. NVIDIA's own OpenCL compiler may make fewer.
 """
 
 from __future__ import annotations
@@ -87,39 +86,46 @@ class Count:
         return max(bounds, key=lambda name: bounds[name])
 
 
-# Pixels of a window of 21 x 21, and of the halo of a tile of 64 x 32 for one pixel.
-WINDOW, HALO = 441, 1.22
-# Where instructions were counted.
-_KERNEL, _PROTOTYPE, _DOOR = "the kernel", "a prototype", "kernels and 2 transfers"
+# Pixels of a window of 21 x 21; work items of a tile of 64 x 32 or 64 x 16 per pixel that it writes.
+WINDOW, TILE, SMALL_TILE = 441, 256 / (60 * 28), 256 / (60 * 12)
+_LOOP, _TILE = "instructions of the loop", "instructions of a tile"
 
 COUNTS: dict[str, Count] = {
-    # f, f0 and the result once; weights once per pair
-    "sweep, 4 neighbours": Count(12, 61 * HALO, 8.8 * HALO, source=_PROTOTYPE),
-    "sweep, 8 neighbours, weights": Count(28, 113 * HALO, 8.8 * HALO, source=_PROTOTYPE),
-    "sweep, 4 neighbours, RGB": Count(36),
-    # the two kernels: f twice, and the gradient norms written and read
+    # f, f0 and the result once; weights once per pair; all instructions of a tile inside, with the hardware's rsqrt
+    "sweep, 4 neighbours": Count(12, 573 * TILE, 75 * TILE, source=_TILE),
+    "sweep, 8 neighbours, weights": Count(28, 1153 * TILE, 95 * TILE, source=_TILE),
+    "sweep, 4 neighbours, RGB": Count(36, 636 * SMALL_TILE, 101 * SMALL_TILE, source=_TILE),
     "sweep, volume, 6 neighbours": Count(24, launches=2),
     # 25 instructions per 4 terms, and a second launch for what the groups found
-    "dot": Count(8, 25 / 4, launches=2, source=_PROTOTYPE),
+    "dot": Count(8, 25 / 4, launches=2, source=_LOOP),
     "energy": Count(8, launches=2),
     "combine": Count(12),
     # y and the y before, read and written, at both ends of 4 edges; f twice
     "dual step, p = 1": Count(4 * (3 * 4 + 2)),
     "primal": Count(4 * (4 + 2)),
     "duality gap, p = 1": Count(4 * (4 + 2), launches=2),
-    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs
-    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, launches=2),
-    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, launches=4),
-    # per offset of the window, with exponentials by a polynomial
-    "nonlocal means, 7x7": Count(8, 39 * WINDOW, 5.5 * WINDOW, source=_KERNEL),
-    "nonlocal means, 5x5, averaged": Count(12, 57 * WINDOW, 9.0 * WINDOW, source=_KERNEL),
-    "nonlocal means, 7x7, RGB": Count(24, 63 * WINDOW, 10.1 * WINDOW, source=_KERNEL),
-    "bilateral, 21x21": Count(8, 22 * WINDOW, 0.2 * WINDOW, source=_KERNEL),
-    # the averaged filter with patches of 7 x 7, between those of 5 x 5 and 11 x 11; then groups of 25 and 49 samples at
-    # every 36th pixel, for which 1.75 and 4.9 ms a megapixel were counted at every 16th; the image there and back
-    "denoise_image, grey": Count(8, 66 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source=_DOOR),
-    "denoise_image, grey, quality fast": Count(8, 66 * WINDOW, host=8, launches=6, source=_DOOR),
-    "denoise_image, RGB": Count(24, 71 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source=_DOOR),
+    # an index and a weight per directed edge in both passes, f of the neighbour, pointers; degrees of the made graphs.
+    # In OpenCL: a work item a row of roads; teams of 4 and pieces of long rows, which take two launches more
+    "CSR sweep, roads": Count(2 * (2.4 * 12 + 4) + 16, 335, launches=2, source=_LOOP),
+    "CSR sweep, scale-free": Count(2 * (8.5 * 12 + 4) + 16, 1297, launches=4, source=_LOOP),
+    # per offset of the window, of the loop of similarity_step_gpu.cl on sm_90 with idle lanes; exponentials by a
+    # polynomial
+    "nonlocal means, 7x7": Count(8, 37.7 * WINDOW, 5.5 * WINDOW, source=_LOOP),
+    "nonlocal means, 7x7, averaged": Count(8, 53.8 * WINDOW, 10.4 * WINDOW, source=_LOOP),
+    "nonlocal means, 7x7, RGB": Count(24, 61.7 * WINDOW, 10.1 * WINDOW, source=_LOOP),
+    "bilateral, 21x21": Count(8, 21.8 * WINDOW, 0.2 * WINDOW, source=_LOOP),
+    # the averaged filter with Gaussian patches of a guide (63.5; RGB with 3 x 3 patches 71), then groups of 25 and 49
+    # samples at every 36th pixel, for which 1.75 and 4.9 ms a megapixel were counted at every 16th; the image there and
+    # back
+    "denoise_image, grey": Count(
+        8, 63.5 * WINDOW + (1.75 + 4.9) * 16 / 36 * 29.6e3, host=8, launches=12, source="the kernels, and 2 transfers"
+    ),
+    "denoise_image, grey, quality fast": Count(
+        8, 63.5 * WINDOW, host=8, launches=6, source="the kernel, and 2 transfers"
+    ),
+    "denoise_image, RGB": Count(
+        24, 71 * WINDOW + (4.5 + 20) * 16 / 36 * 29.6e3, host=24, launches=12, source="the kernels, and 2 transfers"
+    ),
 }
 """The counts by the name of a row of the table."""
 

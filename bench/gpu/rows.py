@@ -165,7 +165,7 @@ def one_step(side: int) -> Iterator[Row]:
     spatial = np.exp(-(np.linalg.norm(grid.forward_offsets, axis=1) ** 2) / 18)
     forms = {
         "nonlocal means, 7x7": (PatchForm(patch, 0.0, 0.02), 1),
-        "nonlocal means, 5x5, averaged": (PatchForm(np.ones(5), 0.0, 0.04, average=1), 1),
+        "nonlocal means, 7x7, averaged": (PatchForm(patch, 0.0, 0.02, average=1), 1),
         "nonlocal means, 7x7, RGB": (PatchForm(patch, 0.0, 0.02), 3),
         "bilateral, 21x21": (PatchForm(np.ones(1), 0.0, 25.0, spatial), 1),
     }
@@ -175,13 +175,11 @@ def one_step(side: int) -> Iterator[Row]:
             on = backends.get(device, np.float32)
             f0, out = on.put(grid, _function(grid.n_vertices, m)), on.empty(grid, m)
             lam: Any = 2.0
-            guide = None
             if form.average:
                 if not on.averages:
                     raise backends.BackendUnavailable("this backend averages stored weights")
                 lam = on.put(grid, np.full((grid.n_vertices, 1), 9.0))
-                guide = on.put(grid, _function(grid.n_vertices, m, SEED + 2))
-            return lambda: on.similarity_step(grid, f0, form, f0, lam, guide=guide, out=out), on.finish
+            return lambda: on.similarity_step(grid, f0, form, f0, lam, out=out), on.finish
 
         yield Row(name, "one step", f"{side} x {side}", grid.n_vertices, prepare, 8.0 * m * grid.n_vertices)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +23,8 @@ from .whiteness import Whiteness, whiteness
 _TESTED = 6
 # Pixels of planes that are tested together.
 _PLANE = 1 << 14
+# Channels that are measured at the same time.
+_AT_ONCE = 4
 # Share of impulses from which noise that grows with the signal is measured again.
 _SOME = 1e-4
 
@@ -120,14 +124,17 @@ class _Pass:
     def over(cls, cut: Sequence[Block], *, tested: bool, line: tuple[float, float] | None = None) -> _Pass:
         parts: list[Measured] = []
         tests: list[Whiteness] = []
-        cells = []
-        for block in cut:
-            found = measure(block, line)
-            cells.append(cells_of(found, len(cut)))
-            if tested and len(tests) < _TESTED:
-                tests += [test for test in _tests(block, found) if test is not None]
-            parts.append(found if len(parts) < PLANES else replace(found, fields=None))
-        return cls(parts, tests, fit_growth(cells))
+        cells, growth = [], fit_growth([])
+        with ThreadPoolExecutor(1) as beside:
+            for block in cut:
+                found = measure(block, line)
+                # at the same time as the growth, which is a third of the time too
+                testing = beside.submit(_tests, block, found) if tested and len(tests) < _TESTED else None
+                cells.append(cells_of(found, len(cut)))
+                growth = fit_growth(cells) if len(cells) == len(cut) else None
+                tests += [test for test in testing.result() if test is not None] if testing is not None else []
+                parts.append(found if len(parts) < PLANES else replace(found, fields=None))
+        return cls(parts, tests, growth)
 
 
 def measured_with_growth(cut: Sequence[Block], *, tested: bool = False) -> _Pass:
@@ -202,16 +209,24 @@ def survey(image: npt.ArrayLike, channel_axis: int | None = None, mask: npt.Arra
     """
     arrays, inside = channels_of(image, channel_axis, mask)
     count = arrays[0].size if inside is None else int(np.count_nonzero(inside))
+    earlier = [next((i for i in range(j) if _same(arrays[i], arrays[j])), None) for j in range(len(arrays))]
+    own = [j for j, same in enumerate(earlier) if same is None]
+
+    def measured(index: int) -> _Pass:
+        cut = [block for part in blocks(arrays[index], inside) for block in part]
+        return measured_with_growth(cut, tested=True)
+
+    # numpy computes arrays without the interpreter's lock; a few channels at a time, as each needs arrays of its own
+    with ThreadPoolExecutor(max(1, min(len(own), os.cpu_count() or 1, _AT_ONCE))) as threads:
+        passes = dict(zip(own, threads.map(measured, own), strict=True))
     channels: list[Channel] = []
     compared: list[list[Measured]] = []
-    for index, array in enumerate(arrays):
-        earlier = next((i for i in range(index) if _same(arrays[i], array)), None)
-        if earlier is not None:
-            channels.append(_again(channels[earlier], earlier))
-            compared.append(compared[earlier])
+    for index, same in enumerate(earlier):
+        if same is not None:
+            channels.append(_again(channels[same], same))
+            compared.append(compared[same])
             continue
-        cut = [block for part in blocks(array, inside) for block in part]
-        found = measured_with_growth(cut, tested=True)
+        found = passes[index]
         channels.append(Channel(tuple(found.parts), tuple(found.tests), found.growth, count))
         compared.append(found.parts[:PLANES])
     return Survey(tuple(channels), relate(compared) if len(channels) > 1 else None)

@@ -47,9 +47,11 @@ typedef CELL cell_t;
 
 #ifdef OUT
 #define CELLS __global cell_t *
+#define END width
 #define FUNCTION __global const real *
 #else
 #define CELLS __global const cell_t *
+#define END pitch
 #define FUNCTION __global real *
 #endif
 
@@ -72,8 +74,14 @@ __kernel void cells(
 {
     const int column = (int)get_global_id(0);
     const long row = get_global_id(1);
-    if (column >= width || row >= n_rows) return;
+    if (column >= END || row >= n_rows) return;
     const long u = guard + (first + row) * pitch + column, at = row * row_step + column * cell_step;
+#ifndef OUT
+    if (column >= width) { /* the rest of a row of the function is 0 */
+        for (int c = 0; c < m; ++c) f[u + c * plane] = 0;
+        return;
+    }
+#endif
     for (int c = 0; c < m; ++c) {
 #ifdef OUT
         HELD value = (HELD)((WIDE)f[u + c * plane] * factor + OFFSET(c));

@@ -53,17 +53,6 @@
 #define THERE far
 #endif
 
-/* 33 or more bits of a row of the mask; 0 for a row outside of the grid. */
-static inline ulong bits_at(__global const uint *mask, const int pitch, const int row, const int height, const int bit)
-{
-    if (row < 0 || row >= height) return 0;
-    __global const uint *words = mask + (long)row * pitch + bit / 32;
-    return (words[0] | (ulong)words[1] << 32) >> bit % 32;
-}
-
-/* Whether both ends of a pair of this dx are in the mask, at cell (y, i) of a work item's weights. */
-#define PAIR_IN_MASK(y, i) ((far_bits[y] >> step & near_bits[y]) >> (i) & 1)
-
 /* Whether a pair with a result is on the grid; sums of weights of other pairs do not count. */
 #ifdef MASKED
 #define COUNTS(y, i) PAIR_IN_MASK((y) + A, (i) + A)
@@ -98,17 +87,7 @@ static inline void average(__local const real *weights, real *w)
     }
 }
 
-/* The weight at a distance, without the spatial factor; `outside` is 0, or infinite where there is no pair. */
-static inline real weight_at(
-    const real distance, const real outside, const real strength, const real scale, const real cut)
-{
-    const real w = exp2_scaled(fmax(distance, outside) * strength, scale);
-#ifdef CUT
-    return w >= cut ? w : 0;
-#else
-    return w;
-#endif
-}
+/* Weight i of row y from its distance, without the spatial factor. */
 #ifdef MAPS
 #define WEIGHT(rho, y, i)                                                                                            \
     weight_at(                                                                                                       \

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import cases
 import numpy as np
@@ -99,3 +100,26 @@ def test_a_record_keeps_its_buffers_and_gives_them_up(grid_parts):
     del turns
     gc.collect()
     assert kept() is None or backend.name == "numpy"
+
+
+@pytest.mark.one_driver
+def test_records_of_two_threads_do_not_meet(grid_parts):
+    """Kernel objects that are shared hold the arguments of one launch at a time."""
+    backend, weighted, _, _, f0, lam = grid_parts
+    grid = weighted.graph
+
+    def swept(seed):
+        pair, g = [backend.put(grid, cases.function(grid, seed=seed)), backend.empty(grid, 1)], backend.empty(grid, 1)
+
+        def sweep(on, here, there):
+            on.sweep(weighted, here, f0, lam, MODEL, theta=1.0, g=g, out=there)
+
+        turns = list(in_turns(backend, sweep, *pair))
+        for _ in range(20):
+            turns[0]()
+            turns.reverse()
+        return backend.get(grid, pair[0]).tobytes()
+
+    alone = [swept(seed) for seed in (3, 5)]
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(swept, [3, 5] * 3)) == alone * 3

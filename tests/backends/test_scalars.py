@@ -22,6 +22,7 @@ def put(backend: Any, numbers: Any, at: int, value: float) -> None:
     backend.dot_into(numbers[at], GRAPH, backend.put(GRAPH, f), backend.put(GRAPH, ones))
 
 
+@pytest.mark.one_driver
 def test_a_rise_of_the_energy_is_seen(device: str) -> None:
     """The largest quotient stays; an energy that is not a number, or above 0, is infinitely above."""
     backend = backends.get(device)
@@ -78,6 +79,7 @@ def test_coefficients_minimise_the_residual(device: str) -> None:
     assert left <= (1 + 1e-5) * np.linalg.norm(residual[:, 0] - R @ exact)
 
 
+@pytest.mark.one_driver
 @pytest.mark.parametrize(("mixed", "taken"), [(1.0, 1), (1.0 + 1e-6, 0), (math.nan, 0)])
 def test_a_mix_is_taken_if_its_energy_is_not_above(device: str, mixed: float, taken: int) -> None:
     backend = backends.get(device, "float64")

@@ -25,8 +25,8 @@ BILATERAL = (
 )
 PATCHES = (*BILATERAL[:3], PatchCase("grid", radius=2, scale=0.5), PatchCase("volume", radius=1, scale=4.0))
 
-# What Warp is tried on: a mask and channels, three axes, float64.
-ON_WARP = (BILATERAL[0], BILATERAL[1], BILATERAL[3])
+# What Warp is tried on: a mask and channels, float64.
+ON_WARP = BILATERAL[:2]
 
 # Of a weight rounded to float16: relative, and absolute where it is below the normal numbers (README of the kernels).
 RELATIVE, ABSOLUTE = 2.0**-11, 2.0**-25

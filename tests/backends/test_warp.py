@@ -16,17 +16,27 @@ from problems import Kind, PatchCase, oracle, problem
 
 from gpureg import backends
 from gpureg.backends import Smoothness
+from gpureg.backends.recorded import Parameter
 from gpureg.graphs.grid import GridGraph
 
 if "warp" in backends.absent():
     pytest.skip(backends.absent()["warp"], allow_module_level=True)
 
 import warp as wp
-from gpureg.kernels.warp import aggregate, jacobi_step, patch_distance, similarity_step, similarity_step_gpu, total
+from gpureg.kernels.warp import (
+    aggregate,
+    jacobi_step,
+    patch_distance,
+    similarity_step,
+    similarity_step_gpu,
+    sweep_gpu,
+    total,
+)
 from gpureg.kernels.warp import grid as grid_kernels
 
 from gpureg.backends.warp import pool as warp_pool
 from gpureg.backends.warp import primitives as warp
+from gpureg.backends.warp import recording
 
 
 def everything(backend, name, channels):
@@ -121,10 +131,11 @@ def test_kernels_compile_for_cuda(tmp_path):
         jacobi_step.make(access, 1, 1, "vertex", True, 1, False),
         total.make(wp.float64, False),
         similarity_step_gpu.make(wp.float32, 1, True, False, (1, 3, 1, False, False, 16), similarity_step_gpu.ITEMS),
+        sweep_gpu.make(access, 3, ((0, 1), (1, 0)), True, True, 8, sweep_gpu.ITEMS),
     ):
         wp.compile_aot_module(kernel.module, arch=80, module_dir=tmp_path, use_ptx=True)
     made = list(tmp_path.glob("*.ptx"))
-    assert len(made) == 6
+    assert len(made) == 7
     # private arrays in memory would be variables of the local state space
     assert not [path.name for path in made if ".local ." in path.read_text("utf-8")]
 
@@ -144,6 +155,87 @@ def test_tiles_of_a_gpu_add_weights():
         b.get(grid, b.similarity_step(grid, f, form, b.put(grid, f), b.put(grid, lam))) for b in (gpu, oracle())
     )
     np.testing.assert_allclose(found, exact, rtol=0, atol=2.0**-18)
+
+
+def test_tiles_of_a_gpu_sweep(monkeypatch):
+    """As the oracle; a part of a grid, whose tiles lie elsewhere, has the bits of the whole."""
+    gpu = warp.make(dataclasses.replace(backends.get("warp:cpu").device, kind="gpu"), "float32")
+    launched = []
+    launch = gpu._launch
+    monkeypatch.setattr(
+        gpu, "_launch", lambda dim, make, *args, **given: launched.append(make) or launch(dim, make, *args, **given)
+    )
+    check(gpu, ROWS["sweep"], problem(Kind(cases.Setup("grid"))))
+    assert sweep_gpu.make in launched
+
+    def swept(f):
+        grid = GridGraph(f.shape)
+        values = gpu.put(grid, f.reshape(-1, 1))
+        out = gpu.sweep(
+            gpu.prepare(grid, None), values, values, 0.5, Smoothness(1.0, cases.EPS), theta=1.0, g=None,
+            out=nan(gpu, grid, 1),
+        )  # fmt: skip
+        return gpu.get(grid, out).reshape(f.shape)
+
+    f = cases.rng(3).random((45, 150), dtype=np.float32)
+    np.testing.assert_array_equal(swept(f[7:, 11:])[2:, 2:], swept(f)[9:, 13:])
+
+
+class InventedCuda:
+    """Warp's captures, of a device that is not there."""
+
+    is_cuda = True
+
+    def __init__(self, works):
+        self.works, self.capturing, self.done, self.graphs = works, False, [], []
+
+    def ScopedCapture(self, **given):
+        device = self
+
+        class Capture:
+            def __enter__(self):
+                if not device.works:
+                    raise RuntimeError("no graphs")
+                device.capturing, device.captured = True, []
+                return self
+
+            def __exit__(self, *error):
+                device.capturing, self.graph = False, device.captured
+
+        return Capture()
+
+    def capture_launch(self, graph):
+        self.graphs.append(len(graph))
+        self.done += graph
+
+    def command(self, name):
+        device = self
+
+        class Command:
+            value = 0.0
+
+            def set_param_at_index(self, at, value):
+                self.value = value
+
+            def launch(self):
+                (device.captured if device.capturing else device.done).append((name, self.value))
+
+        return Command()
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_launches_with_the_same_numbers_become_a_graph(monkeypatch, works):
+    """From the second replay on; another number takes plain launches again; a driver without graphs takes them all."""
+    cuda = InventedCuda(works)
+    monkeypatch.setattr(recording, "wp", cuda)
+    record = recording.Record(cuda)
+    record.add([cuda.command("first")], [Parameter.of(1.0, 0)])
+    record.add([cuda.command("second")], [])
+    numbers = (0.5, 0.5, 0.5, 2.0, 0.5, 0.5)
+    for number in numbers:
+        record.replay(number)
+    assert cuda.done == [launch for number in numbers for launch in (("first", number), ("second", 0.0))]
+    assert cuda.graphs == ([2, 2, 2] if works else [])
 
 
 FORKED = """

@@ -87,3 +87,14 @@ def test_types_of_torch_name_types_of_numpy():
 def test_zero_dimensional_tensors_are_numbers():
     found = gr.denoise_tv(torch.from_numpy(IMAGE), lam=torch.tensor(0.25), max_iter=torch.tensor(2), **ON)
     np.testing.assert_array_equal(found.numpy(), gr.denoise_tv(IMAGE, lam=0.25, max_iter=2, **ON))
+
+
+def test_memory_of_warp_becomes_a_tensor_without_a_copy():
+    """As a result on a CUDA device does; here on the CPU, where no argument is lent."""
+    wp = pytest.importorskip("warp")
+    from gpureg.exchange import torch as library
+
+    numbers = wp.array(np.arange(12, dtype=np.float32), device="cpu")
+    tensor = library.from_warp(numbers, (3, 4), torch.zeros(3, 4))
+    assert tensor.shape == (3, 4) and tensor.data_ptr() == numbers.ptr
+    assert library.to_warp(tensor, "x") is None and library.place(tensor) is None

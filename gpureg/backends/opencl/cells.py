@@ -14,6 +14,7 @@ from ...arrays import FloatArray, held_type
 from ...frame import AS_GIVEN, Frame
 from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ..types import Array, Weighted
+from .buffers import Function
 from .geometry import GridGeometry, round_up
 from .launching import OpenCLLaunches
 from .layout import GridLayout
@@ -38,7 +39,7 @@ class OpenCLCells(OpenCLLaunches):
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         if not isinstance(graph, GridGraph):
             return super().put(graph, f)
-        out = self.empty(graph, f.shape[1])
+        out = self._function(graph, f.shape[1])
         # in the backend's type: one kernel for all
         self._cross(graph, np.asarray(f, self.dtype).reshape(*graph.shape, -1), out, AS_GIVEN, ())
         return out
@@ -55,7 +56,7 @@ class OpenCLCells(OpenCLLaunches):
     ) -> Array:
         if not self._converts(cells.dtype, frame):
             return super().put_cells(grid, cells, frame=frame, units=units)
-        out = self.empty(grid, cells.shape[-1])
+        out = self._function(grid, cells.shape[-1])
         self._cross(grid, cells, out, frame, units)
         return out
 
@@ -72,6 +73,21 @@ class OpenCLCells(OpenCLLaunches):
             super().get_cells(grid, f, out, frame=frame, units=units)
             return
         self._cross(grid, out, f, frame, units, back=True)
+
+    def _function(self, grid: GridGraph, channels: int) -> Function:
+        """Allocate a function whose rows a kernel writes to their ends; the guards around its planes are 0."""
+        geometry = self._geometry(grid)
+        assert isinstance(geometry, GridGeometry)
+        size, plane, guard = (
+            n * self.dtype.itemsize for n in (geometry.size(channels), geometry.plane, geometry.guard)
+        )
+        buffer = self._allocate(size)
+        for c in range(channels + 1):
+            # of two planes the guards are beside each other
+            begin, end = max(c * plane - guard, 0), min(c * plane + guard, size)
+            with self._shared.lock:
+                cl.enqueue_fill_buffer(self._shared.queue, buffer, np.uint8(0), begin, end - begin)
+        return Function(buffer, channels)
 
     def _converts(self, kind: np.dtype[Any], frame: Frame) -> bool:
         """Return whether the device converts this type without more rounding than the host."""
@@ -96,20 +112,27 @@ class OpenCLCells(OpenCLLaunches):
         wide = np.dtype(np.float64 if held == np.float64 or not frame.is_narrow else np.float32)
         planar = m == 1 or np.moveaxis(cells, -1, 0).flags.c_contiguous
         image = np.moveaxis(cells, -1, 0).reshape(m, geometry.rows, W) if planar else cells.reshape(1, -1, W * m)
-        host = np.empty(image.shape, kind) if back else np.ascontiguousarray(image, kind)
-        at_once = min(geometry.rows, max(1, _BAND_BYTES // (W * m * kind.itemsize)))
+        own = back and image.flags.c_contiguous and image.dtype.isnative and np.may_share_memory(image, cells)
+        host = image if own else np.empty(image.shape, kind) if back else np.ascontiguousarray(image, kind)
+        at_once = (
+            geometry.rows if self._shares_memory else min(geometry.rows, max(1, _BAND_BYTES // (W * m * kind.itemsize)))
+        )
         options = (f"-DHELD={_name(held)}", f"-DWIDE={_name(wide)}", *_of_cells(kind))
         options += ("-DUNITS",) if len(units) else ()
         options += ("-DOFFSETS",) if frame.offset is not None else ()
         options += ("-DOUT",) if back else ()
         offset = self._nothing if frame.offset is None else self.upload(np.asarray(frame.offset, wide))
         unit = self.upload(np.asarray(units, held)) if len(units) else self._nothing
+        local = min(_GROUP, self.device.handle.max_work_group_size)
+        # inwards the ends of rows, which are 0, are written too
+        size = round_up(W if back else geometry.pitch, local)
         with self._shared.lock:
-            band = self._scratch(-(-at_once * W * m * kind.itemsize // self.dtype.itemsize))
+            band = None if self._shares_memory else self._scratch(-(-host[:, :at_once].nbytes // self.dtype.itemsize))
             for first in range(0, geometry.rows, at_once):
                 rows = min(at_once, geometry.rows - first)
                 chunk = host[:, first : first + rows]
-                if not back:
+                there = self._as_buffer(chunk, back) if band is None else band
+                if band is not None and not back:
                     self._copy(band, chunk)
                 args = [
                     np.int32(m),
@@ -125,15 +148,36 @@ class OpenCLCells(OpenCLLaunches):
                     offset,
                     unit,
                     wide.type(frame.scale if back else 1 / frame.scale),
-                    band,
+                    there,
                     f.buffer,
                 ]
-                local = min(_GROUP, self.device.handle.max_work_group_size)
-                self._kernel("cells", options, args)(self._shared.queue, (round_up(W, local), rows), (local, 1), *args)
-                if back:
+                self._kernel("cells", options, args)(self._shared.queue, (size, rows), (local, 1), *args)
+                if band is None:
+                    self._wait_for(there, chunk, back)
+                elif back:
                     self._copy(band, chunk, back=True)
-        if back:
+        if back and not own:
             cells[...] = np.moveaxis(host.reshape(m, *grid.shape), 0, -1) if planar else host.reshape(cells.shape)
+
+    @property
+    def _shares_memory(self) -> bool:
+        """Whether a kernel reads and writes the memory of the host, so that an image need not be copied."""
+        return self.device.kind == "cpu"
+
+    def _as_buffer(self, host: npt.NDArray[Any], written: bool) -> cl.Buffer:
+        """Return a buffer in the memory of a contiguous host array."""
+        access = cl.mem_flags.WRITE_ONLY if written else cl.mem_flags.READ_ONLY
+        return cl.Buffer(self._shared.context, access | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+
+    def _wait_for(self, buffer: cl.Buffer, host: npt.NDArray[Any], written: bool) -> None:
+        """Wait until a kernel has read a host array, or until what it has written is there."""
+        with self._shared.waiting():
+            if not written:
+                self._shared.queue.finish()
+                return
+            access, queue = cl.map_flags.READ, self._shared.queue
+            mapped, _ = cl.enqueue_map_buffer(queue, buffer, access, 0, host.shape, host.dtype, is_blocking=True)
+            mapped.base.release(queue)
 
     def _copy(self, buffer: cl.Buffer, chunk: npt.NDArray[Any], *, back: bool = False) -> None:
         """Copy the rows of a band, a contiguous array for each index of the first axis, to a buffer or back."""

@@ -20,8 +20,8 @@ from .rows import TeamLayout
 # their parts in one group.
 _GROUPS = 1024
 
-# Work items of a group of a sum, a power of two.
-_GROUP = 256
+# Work items of a group of a sum, a power of two; of the second stage on a CPU, where barriers are loops.
+_GROUP, _CPU_GROUP = 256, 16
 
 
 class OpenCLSums(OpenCLDuality):
@@ -99,5 +99,6 @@ class OpenCLSums(OpenCLDuality):
             parts = out.numbers.parts["parts"] = self._allocate(nbytes)
         args = [np.int64(layout.segment), *args, parts]
         self._run(primitive, weighted, args, options, size, exact=True, local=local)
+        group = group if self.device.kind == "gpu" else min(group, _CPU_GROUP)
         args = [np.int32(count), parts, np.int32(out.at), out.numbers.values]
         self._launch("total", (f"-DGROUP={group}", *second_stage), args, (group,), (group,))

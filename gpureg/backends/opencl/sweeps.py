@@ -16,7 +16,7 @@ from .layout import GridLayout
 # A tile of ``sweep_gpu.cl``: columns, work items per column, and cells of the halo on each side.
 _COLUMNS, _DOWN, _HALO = 64, 4, 2
 
-# Channels with one gradient norm that a tile has room for, in 48 KiB of local memory.
+# Channels with one gradient norm at most: a tile in float64 then takes 47,520 bytes of the 48 KiB that any GPU has.
 _MOST_CHANNELS = 4
 
 
@@ -85,12 +85,18 @@ class OpenCLSweeps(OpenCLLaunches):
         options = (f"-DM={f.channels}", f"-DG={G}", *options)
         self._run("sweep", weighted, args, options, blocks.count, exact=True, local=(1, 1))
 
+    def _cells(self, channels: int) -> int:
+        """Return the cells of a work item of ``sweep_gpu.cl``, for `channels` that share a gradient norm."""
+        return 4 if self.dtype == np.float64 or channels > 2 else 8
+
     def _has_tiles(self, geometry: GridGeometry, norms: int, channels: int) -> bool:
         """Whether a sweep can run in tiles: neighbours one cell away on two axes, and a work group fits the device."""
-        device = self.device.handle
+        device, shared = self.device.handle, channels if norms == 1 else 1
         near = len(geometry.shape) == 2 and geometry.compiled_in and max(geometry.reach, geometry.jump) <= 1
-        fits = device.max_work_group_size >= _COLUMNS * _DOWN and device.local_mem_size >= 48 << 10
-        return near and fits and (norms > 1 or channels <= _MOST_CHANNELS)
+        cells = (_COLUMNS + 2) * (_DOWN * self._cells(shared) + 2)
+        local = (shared + 1) * cells * self.dtype.itemsize
+        fits = device.max_work_group_size >= _COLUMNS * _DOWN and device.local_mem_size >= local
+        return near and fits and shared <= _MOST_CHANNELS
 
     def _sweep_tiles(
         self,
@@ -106,8 +112,7 @@ class OpenCLSweeps(OpenCLLaunches):
         """Run ``sweep_gpu.cl``: a work group has a tile; channels with a norm each are done one by one."""
         norms, geometry = model.norms(f.channels), layout.geometry
         channels = f.channels if norms == 1 else 1
-        double = self.dtype == np.float64
-        cells = 4 if double or channels > 2 else 8
+        cells = self._cells(channels)
         size = (
             -(-geometry.W // (_COLUMNS - 2 * _HALO)) * _COLUMNS,
             -(-geometry.rows // (_DOWN * cells - 2 * _HALO)) * _DOWN,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...graphs.grid import GridGraph
 from ..patches import PatchForm
-from ..types import Array
+from ..types import Array, Storage
 from .cells import OpenCLCells
 from .geometry import GridGeometry
 from .patch_tiles import ITEMS, LARGEST_AVERAGE, PatchTiles
@@ -30,24 +32,61 @@ class OpenCLTiledPatches(OpenCLCells):
         form = PatchForm(np.ones(2 * radius + 1), maps=np.empty(0), average=LARGEST_AVERAGE)
         return self._patch_tiles(graph, form, compared, channels, guided=True, largest=True) is not None
 
+    def _tiled_weights(self, graph: GridGraph, f: Array, form: PatchForm, weights: Any, storage: Storage) -> bool:
+        """Compute the weights of a grid into a buffer; return False if the form needs the kernel of strips."""
+        tiles = None
+        if form.radius and form.maps is None:
+            tiles = self._patch_tiles(graph, form, f.channels, 0, guided=False, largest=False)
+        if tiles is None:
+            return False
+        geometry = self._geometry(graph)
+        assert isinstance(geometry, GridGeometry)
+        similar = form.scale is not None
+        half = np.ones(graph.half_window) if form.spatial is None or not similar else form.spatial
+        args = [
+            f.buffer,
+            *(np.int64(number) for number in (geometry.pitch, geometry.plane, geometry.guard)),
+            *self._mask_args(tiles),
+            *(np.int32(size) for size in (*graph.shape, *tiles.reach, graph.half_window)),
+            self.upload(tiles.places()),
+            self.upload(half.astype(self.dtype)),
+            *self._form_args(tiles),
+            np.int64(geometry.weight_pitch),
+            np.int64(geometry.weight_guard),
+            weights,
+        ]
+        flags = {"SIMILARITY": similar, "HALF_WEIGHTS": storage == "half"}
+        options = (*tiles.options, *(f"-D{name}" for name, given in flags.items() if given))
+        with self._shared.lock:
+            run = self._kernel("patch_distance_gpu", options, args)
+            run(self._shared.queue, tiles.weight_size(geometry.weight_pitch), (ITEMS, 1), *args)
+        return True
+
+    def _mask_args(self, tiles: PatchTiles) -> list[Any]:
+        """Return the kernel arguments for the mask."""
+        if tiles.graph.mask is None:
+            return [self._nothing, np.int32(0), np.int32(0)]
+        words = tiles.mask_words()
+        return [self.upload(words), np.int32(words.shape[1]), np.int32(tiles.mask_left)]
+
+    def _form_args(self, tiles: PatchTiles) -> list[Any]:
+        """Return the kernel arguments for the patch and the exponential."""
+        form = tiles.form
+        profile = self.upload(form.profile.astype(self.dtype))
+        return [profile, self.real(form.shift), self.real(tiles.scale(self.real)), self.real(form.cut)]
+
     def _tiled_step(self, tiles: PatchTiles, f: Array, guide: Array, f0: Array, lam: float | Array, out: Array) -> None:
         """Do one Jacobi sweep at p = 2 from `f` to `out`; the patches are those of `guide`, functions on the device."""
         graph, form = tiles.graph, tiles.form
         geometry = self._geometry(graph)
         assert isinstance(geometry, GridGeometry)
-        words = None if graph.mask is None else tiles.mask_words()
         lams, lam_options = self._lam(lam)
         others = [
-            self._nothing if words is None else self.upload(words),
-            np.int32(0 if words is None else words.shape[1]),
-            np.int32(tiles.mask_left),
+            *self._mask_args(tiles),
             self._nothing if form.maps is None else self.on_device(graph, form.maps).buffer,
             *(np.int32(size) for size in (*graph.shape, *tiles.reach)),
             self.upload(tiles.spatial().astype(self.dtype)),
-            self.upload(form.profile.astype(self.dtype)),
-            self.real(form.shift),
-            self.real(tiles.scale(self.real)),
-            self.real(form.cut),
+            *self._form_args(tiles),
             np.int64(geometry.pitch),
             np.int64(geometry.plane),
             np.int64(geometry.guard),

@@ -200,7 +200,7 @@ class WarpLaunches(Backend):
 
     def record(self, work: Work, parameters: Sequence[Parameter]) -> Replay:
         recorder = copy.copy(self)
-        recorder._record = Record()
+        recorder._record = Record(self._on)
         work(recorder, *parameters)
         return recorder._record.replay
 

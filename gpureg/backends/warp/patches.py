@@ -105,7 +105,9 @@ class WarpPatches(WarpPlanes):
 
     def _plane_bytes(self, graph: GridGraph, channels: int, radius: int) -> tuple[int, ...]:
         """Return the bytes of a function and the mask on the device, and of their planes."""
-        plane = math.prod(self._blocks(graph, radius, 0, 2).shape) * self.dtype.itemsize
+        tiles = self._tiles(graph, PatchForm(np.ones(2 * radius + 1), average=radius), 1, 1)
+        blocks = self._blocks(graph, radius, 0, 2) if tiles is None else tiles
+        plane = math.prod(blocks.shape) * self.dtype.itemsize
         mask = () if graph.mask is None else (self.function_bytes(graph, 1),)
         return self.function_bytes(graph, channels), *mask, channels * plane, plane
 

@@ -23,12 +23,13 @@ from .lent import WarpLent
 from .listing import devices
 from .patches import WarpPatches
 from .scalars import WarpScalars
+from .sweeps import WarpSweeps
 from .zones import WarpZones
 
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpPatches, WarpZones):
+class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpPatches, WarpSweeps, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
