@@ -15,7 +15,7 @@ PARTS |= {"total", "scalars"}  # the second stage of a long sum, computations wi
 OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
 OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
-GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather", "patch_distance_gpu"}
+GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # The same primitive for a GPU, in both languages.
 BOTH_GPU = {"influence_zones_gpu", "similarity_step_gpu", "sweep_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.

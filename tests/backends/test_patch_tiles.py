@@ -33,12 +33,6 @@ KINDS = (
     PatchKind(PatchCase("disk", radius=0, scale=2.0, spatial=True), guided=True),
 )
 
-# Weights that are stored: of all forms without maps.
-WEIGHTS = (
-    PatchKind(PatchCase("masked", channels=2, radius=2, scale=0.5, shift=0.125, spatial=True, cut=0.5)),
-    PatchKind(PatchCase("disk", radius=3, gaussian=True), "float64"),
-)
-
 # One change each in what only this kernel does: borders, the values that move on, columns in registers.
 WRONG = (
     Mutation("similarity_step", "similarity_step_gpu", "max(u, v) < height", "u < height"),
@@ -73,22 +67,6 @@ def test_as_the_oracle(gpu, kind):
     backend = gpu(kind.dtype)
     check(backend, ROWS["similarity_step"], kind.make())
     assert any(primitive == "similarity_step_gpu" for primitive, _ in backend._shared.kernels)
-
-
-@pytest.mark.parametrize("kind", WEIGHTS, ids=lambda kind: kind.id)
-def test_weights_as_the_oracle(gpu, kind):
-    backend = gpu(kind.dtype)
-    check(backend, ROWS["patch_distance"], kind.make())
-    assert any(primitive == "patch_distance_gpu" for primitive, _ in backend._shared.kernels)
-
-
-def test_weights_in_float16(gpu):
-    """Those of float32, rounded to the nearest: by 2^-11 of their size, or 2^-25."""
-    backend, grid = gpu(), cases.graph("grid")
-    f, form = cases.function(grid), PatchCase("grid", radius=1, scale=0.5).form(grid)
-    half, full = (backend.get_weights(backend.patch_distance(grid, f, form, storage=how)) for how in ("half", "full"))
-    assert (np.abs(half - full) <= np.maximum(2.0**-11 * full, 2.0**-25)).all()
-    assert (half != full).any()
 
 
 @pytest.mark.parametrize(("radius", "average", "masked"), [(1, 1, False), (2, 3, True)])

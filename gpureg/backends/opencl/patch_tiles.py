@@ -139,18 +139,6 @@ class PatchTiles:
         }
         return (*options, *(f"-D{name}" for name, given in flags.items() if given))
 
-    def weight_size(self, pitch: int) -> tuple[int, int]:
-        """Return the number of work items along both axes that write weights, whose rows have `pitch` numbers."""
-        columns = (ITEMS - 2 * self.form.radius) // 4 * 4
-        return -(-pitch // columns) * ITEMS, -(-self.graph.shape[0] // self.rows)
-
-    def places(self) -> npt.NDArray[np.int32]:
-        """Compute the index of the forward offset at each step, (reach + 1, 2 reach + 1), -1 where there is none."""
-        offsets, (y, x) = self.graph.forward_offsets, self.reach
-        found = np.full((y + 1, 2 * x + 1), -1, np.int32)
-        found[offsets[:, 0], offsets[:, 1] + x] = np.arange(len(offsets))
-        return found
-
     @property
     def reach(self) -> tuple[int, int]:
         """Largest offset along each axis, in cells."""

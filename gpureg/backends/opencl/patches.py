@@ -94,9 +94,9 @@ class OpenCLPatches(OpenCLTiledPatches):
                 return Weighted(graph, topology, self._recomputed(graph, f, form, half), storage=storage)
             itemsize = 2 if storage == "half" else self.dtype.itemsize
             weights = self._between_zeros(geometry.weight_size(), geometry.weight_guard, itemsize)
-            function = self.on_device(graph, f)
-            if graph.half_window and not self._tiled_weights(graph, function, form, weights, storage):
+            if graph.half_window:
                 strips = self._strips(graph, form, 1)
+                function = self.on_device(graph, f)
                 steps = graph.forward_offsets.astype(np.int32)
                 args = self._strip_args(strips, self._planes_of(strips, function), steps, half)
                 args += [np.int64(geometry.weight_pitch), np.int64(geometry.weight_guard), weights]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...graphs.grid import GridGraph
 from ..patches import PatchForm
-from ..types import Array, Storage
+from ..types import Array
 from .cells import OpenCLCells
 from .geometry import GridGeometry
 from .patch_tiles import ITEMS, LARGEST_AVERAGE, PatchTiles
@@ -31,36 +31,6 @@ class OpenCLTiledPatches(OpenCLCells):
         """Return whether a step with patches of this radius has room in tiles, whatever else its form needs."""
         form = PatchForm(np.ones(2 * radius + 1), maps=np.empty(0), average=LARGEST_AVERAGE)
         return self._patch_tiles(graph, form, compared, channels, guided=True, largest=True) is not None
-
-    def _tiled_weights(self, graph: GridGraph, f: Array, form: PatchForm, weights: Any, storage: Storage) -> bool:
-        """Compute the weights of a grid into a buffer; return False if the form needs the kernel of strips."""
-        tiles = None
-        if form.radius and form.maps is None:
-            tiles = self._patch_tiles(graph, form, f.channels, 0, guided=False, largest=False)
-        if tiles is None:
-            return False
-        geometry = self._geometry(graph)
-        assert isinstance(geometry, GridGeometry)
-        similar = form.scale is not None
-        half = np.ones(graph.half_window) if form.spatial is None or not similar else form.spatial
-        args = [
-            f.buffer,
-            *(np.int64(number) for number in (geometry.pitch, geometry.plane, geometry.guard)),
-            *self._mask_args(tiles),
-            *(np.int32(size) for size in (*graph.shape, *tiles.reach, graph.half_window)),
-            self.upload(tiles.places()),
-            self.upload(half.astype(self.dtype)),
-            *self._form_args(tiles),
-            np.int64(geometry.weight_pitch),
-            np.int64(geometry.weight_guard),
-            weights,
-        ]
-        flags = {"SIMILARITY": similar, "HALF_WEIGHTS": storage == "half"}
-        options = (*tiles.options, *(f"-D{name}" for name, given in flags.items() if given))
-        with self._shared.lock:
-            run = self._kernel("patch_distance_gpu", options, args)
-            run(self._shared.queue, tiles.weight_size(geometry.weight_pitch), (ITEMS, 1), *args)
-        return True
 
     def _mask_args(self, tiles: PatchTiles) -> list[Any]:
         """Return the kernel arguments for the mask."""
