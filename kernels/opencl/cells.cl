@@ -3,10 +3,13 @@
  *     f_c(u) = (x_c(u)/unit_c - offset_c) factor            cells_in   (OUT is not defined)
  *     x_c(u) = (f_c(u) factor + offset_c) unit_c            with OUT; integers rounded to the nearest and clipped
  *
- * One work item: one cell of a row, all channels. Neighbouring work items read and write neighbouring cells.
+ * One work item: RUN neighbouring cells of a row, all channels. On a GPU RUN is 1, so that neighbouring work items read
+ * and write neighbouring cells; on a CPU it is a row, whose loop the compiler turns into packs.
  * Traffic per vertex: m cells of the image and m reals. A band of rows is converted at a time.
  *
  * Build options:
+ *   -DRUN=...          cells of a work item
+ *   -DSTEP=...         numbers of the image from a cell to the next: 1, or the number of channels
  *   -DCELL=uchar|...   type of the image's numbers; -DHALF_CELLS float16; -DINTEGER_CELLS the type is an integer
  *   -DHELD=float|double  the type that holds the image: quotients and products by units are rounded to it
  *   -DWIDE=float|double  the type of the other arithmetic
@@ -15,6 +18,12 @@
  */
 #include "reals.cl"
 
+#ifndef RUN
+#define RUN 1
+#endif
+#ifndef STEP
+#define STEP 1
+#endif
 #ifndef CELL
 #define CELL float
 #endif
@@ -39,6 +48,15 @@ typedef CELL cell_t;
 #endif
 #endif
 
+#ifdef UNITS
+#define UNIT(c) unit[c]
+#define SCALED(x, u) ((x) * (u))
+#define DIVIDED(x, u) ((x) / (u))
+#else
+#define UNIT(c) 1
+#define SCALED(x, u) (x)
+#define DIVIDED(x, u) (x)
+#endif
 #ifdef OFFSETS
 #define OFFSET(c) offset[c]
 #else
@@ -46,13 +64,13 @@ typedef CELL cell_t;
 #endif
 
 #ifdef OUT
-#define CELLS __global cell_t *
+#define CELLS __global cell_t *restrict
 #define END width
-#define FUNCTION __global const real *
+#define FUNCTION __global const real *restrict
 #else
-#define CELLS __global const cell_t *
+#define CELLS __global const cell_t *restrict
 #define END pitch
-#define FUNCTION __global real *
+#define FUNCTION __global real *restrict
 #endif
 
 __kernel void cells(
@@ -60,8 +78,7 @@ __kernel void cells(
     const int width,     /* cells in a row */
     const int n_rows,    /* of the band */
     const long first,    /* row of the function with which the band begins */
-    const long row_step, /* numbers of the image from a row to the next, a cell, a channel */
-    const long cell_step,
+    const long row_step, /* numbers of the image from a row to the next, and from a channel to the next */
     const long channel_step,
     const long pitch, /* the layout of functions, see grid.cl */
     const long plane,
@@ -72,29 +89,21 @@ __kernel void cells(
     CELLS x,    /* the band of the image */
     FUNCTION f) /* m channels */
 {
-    const int column = (int)get_global_id(0);
-    const long row = get_global_id(1);
-    if (column >= END || row >= n_rows) return;
-    const long u = guard + (first + row) * pitch + column, at = row * row_step + column * cell_step;
-#ifndef OUT
-    if (column >= width) { /* the rest of a row of the function is 0 */
-        for (int c = 0; c < m; ++c) f[u + c * plane] = 0;
-        return;
-    }
-#endif
+    const int begin = (int)get_global_id(0) * RUN, end = min(begin + RUN, (int)END), row = (int)get_global_id(1);
+    if (begin >= end || row >= n_rows) return;
     for (int c = 0; c < m; ++c) {
+        const WIDE moved = OFFSET(c);
+        const HELD in_units = UNIT(c);
+        FUNCTION at = f + (guard + (first + row) * pitch + c * plane);
+        CELLS from = x + (row * row_step + c * channel_step);
 #ifdef OUT
-        HELD value = (HELD)((WIDE)f[u + c * plane] * factor + OFFSET(c));
-#ifdef UNITS
-        value *= unit[c];
-#endif
-        WRITE(x, at + c * channel_step, value);
+        for (int i = begin; i < end; ++i)
+            WRITE(from, (long)i * STEP, SCALED((HELD)((WIDE)at[i] * factor + moved), in_units));
 #else
-        HELD value = (HELD)READ(x, at + c * channel_step);
-#ifdef UNITS
-        value /= unit[c];
-#endif
-        f[u + c * plane] = (real)(((WIDE)value - OFFSET(c)) * factor);
+        for (int i = begin; i < min(end, width); ++i)
+            at[i] = (real)(((WIDE)DIVIDED((HELD)READ(from, (long)i * STEP), in_units) - moved) * factor);
+        /* the rest of a row of the function is 0 */
+        for (int i = max(begin, width); i < end; ++i) at[i] = 0;
 #endif
     }
 }

@@ -22,6 +22,12 @@ from .layout import GridLayout
 # Bytes of an image that are converted at a time.
 _BAND_BYTES = 1 << 25
 
+# Cells of a row that a work item converts on a CPU.
+_RUN = 1 << 12
+
+# Functions of fewer numbers are packed on the host of a CPU: a launch takes longer.
+_FEW = 1 << 14
+
 # Work items of a group along a row.
 _GROUP = 64
 
@@ -37,7 +43,7 @@ class OpenCLCells(OpenCLLaunches):
     """Conversion of images by kernels, in bands of rows."""
 
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
-        if not isinstance(graph, GridGraph):
+        if not isinstance(graph, GridGraph) or (self._shares_memory and f.size < _FEW):
             return super().put(graph, f)
         out = self._function(graph, f.shape[1])
         # in the backend's type: one kernel for all
@@ -45,7 +51,7 @@ class OpenCLCells(OpenCLLaunches):
         return out
 
     def get(self, graph: AnyGraph, x: Array) -> FloatArray:
-        if not isinstance(graph, GridGraph):
+        if not isinstance(graph, GridGraph) or (self._shares_memory and graph.n_vertices * x.channels < _FEW):
             return super().get(graph, x)
         out = np.empty((*graph.shape, x.channels), self.dtype)
         self._cross(graph, out, x, AS_GIVEN, (), back=True)
@@ -123,9 +129,11 @@ class OpenCLCells(OpenCLLaunches):
         options += ("-DOUT",) if back else ()
         offset = self._nothing if frame.offset is None else self.upload(np.asarray(frame.offset, wide))
         unit = self.upload(np.asarray(units, held)) if len(units) else self._nothing
-        local = min(_GROUP, self.device.handle.max_work_group_size)
+        gpu = self.device.kind == "gpu"
+        run, local = (1, min(_GROUP, self.device.handle.max_work_group_size)) if gpu else (_RUN, 1)
+        options += (f"-DRUN={run}", f"-DSTEP={1 if planar else m}")
         # inwards the ends of rows, which are 0, are written too
-        size = round_up(W if back else geometry.pitch, local)
+        size = round_up(-(-(W if back else geometry.pitch) // run), local)
         with self._shared.lock:
             band = None if self._shares_memory else self._scratch(-(-host[:, :at_once].nbytes // self.dtype.itemsize))
             for first in range(0, geometry.rows, at_once):
@@ -140,7 +148,6 @@ class OpenCLCells(OpenCLLaunches):
                     np.int32(rows),
                     np.int64(first),
                     np.int64(W if planar else W * m),
-                    np.int64(1 if planar else m),
                     np.int64(rows * W if planar else 1),
                     np.int64(geometry.pitch),
                     np.int64(geometry.plane),
