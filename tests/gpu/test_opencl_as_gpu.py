@@ -72,20 +72,16 @@ def found_wrong(program: pretended.Program) -> list[str]:
 def parsed(program: pretended.Program) -> list[str]:
     """What clang says against a program for any device, without the extensions that the device did not have."""
     command = [gpu_compilers.clang() or "", "-x", "cl", "-cl-std=CL1.2", "-target", "spir64", "-fsyntax-only"]
-    command += [
-        "-Xclang",
-        "-finclude-default-header",
-        "-Wall",
-        "-Wextra",
-        "-Wno-unused",
-        "-Wno-unused-parameter",
-        "-Werror",
-    ]
+    command += ["-Xclang", "-finclude-default-header"]
+    command += ["-Wall", "-Wextra", "-Wno-unused", "-Wno-unused-parameter"]
     if not backends.get(DEVICE).device.float64:
         command += ["-Xclang", "-cl-ext=-cl_khr_fp64,-cl_khr_fp16"]
     command += [option for option in program.options if option.startswith("-D")]
     done = subprocess.run([*command, "-"], input=program.source, capture_output=True, text=True)
-    return [f"{program.kernel} {' '.join(program.options)}: {done.stderr[-2000:]}"] if done.returncode else []
+    # a constant such as (real)0.5 is meant to be one of float32 there
+    meant = "casting to single precision"
+    said = [line for line in done.stderr.splitlines() if ("warning:" in line or "error:" in line) and meant not in line]
+    return [f"{program.kernel} {' '.join(program.options)}: {line}" for line in said]
 
 
 def all_wrong(look: Callable[[pretended.Program], list[str]], programs: list[pretended.Program]) -> list[str]:
