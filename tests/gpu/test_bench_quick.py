@@ -11,10 +11,13 @@ from bench.gpu import run
 from bench.gpu.counts import COUNTS
 from gpureg import backends
 
+pytestmark = pytest.mark.skipif("opencl" in backends.absent(), reason="OpenCL is absent")
 
+
+@pytest.mark.usefixtures("quickly_built")
 def test_everything_runs(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    if request.config.getoption("as_gpu") == "single" or "opencl" in backends.absent():
-        pytest.skip("once, on OpenCL")
+    if request.config.getoption("as_gpu") == "single":
+        pytest.skip("once is enough")
     pytest.importorskip("matplotlib")
     found = tmp_path / "gpu.json"
     assert run.main(["--quick", "--device", "opencl:0", "--json", str(found), "--plot", str(tmp_path / "gpu.png")]) == 0

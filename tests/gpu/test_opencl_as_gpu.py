@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import gpu_compilers
@@ -33,16 +33,6 @@ def test_every_primitive_is_held() -> None:
 @pytest.mark.parametrize(("kind", "name"), held.PAIRS, ids=held.IDS)
 def test_primitive(kind: held.Kind | held.PatchKind, name: str) -> None:
     held.hold(DEVICE, kind, name)
-
-
-@pytest.fixture(scope="module")
-def quickly_built() -> Iterator[None]:
-    """Builds without optimisation: a driver for CPUs takes 10 seconds for the loops between two barriers of a group."""
-    with pytest.MonkeyPatch.context() as patch:
-        for dtype in ("float32", "float64") if backends.get(DEVICE).device.float64 else ("float32",):
-            backend = backends.get(DEVICE, dtype)
-            patch.setattr(backend, "_options", (*backend._options, "-cl-opt-disable"))
-        yield
 
 
 @pytest.mark.parametrize("name", DOORS)
