@@ -12,7 +12,7 @@ import inspect
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -139,16 +139,20 @@ def door(
 
 
 def _until_done(run: Callable[[], T]) -> T:
-    """Call a function; call it again after an error whose attribute `again` is True, as after a build that failed.
+    """Call a function; call it again after an error with an attribute `again`, as after a build that failed.
 
-    Such an error has changed what is chosen. What the call held is freed before the next one.
+    Such an error has changed what is chosen. The attribute says what has failed: after a second error of the same,
+    which the user has named, the call ends. What the call held is freed before the next one.
     """
+    failed = set[Hashable]()
     while True:
         try:
             return run()
         except Exception as error:
-            if not getattr(error, "again", False):
+            what = getattr(error, "again", None)
+            if what is None or what in failed:
                 raise
+            failed.add(what)
 
 
 def part_of(work: Callable[P, D]) -> Callable[[Callable[[D], R]], Callable[P, R]]:

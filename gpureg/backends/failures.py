@@ -32,11 +32,13 @@ class BuildFailed(BackendUnavailable):
     Parameters
     ----------
     message : str
-    again : bool
-        Whether the public function that was called can run again, as "auto" takes another device now.
+    again : tuple of str, optional
+        The device and the type, if "auto" has chosen them: the public function that was called can run once again, as
+        "auto" takes another device now.
     """
 
-    def __init__(self, message: str, again: bool) -> None:
+    # pickle passes the message alone
+    def __init__(self, message: str, again: tuple[str, str] | None = None) -> None:
         super().__init__(message)
         self.again = again
 
@@ -45,7 +47,8 @@ def build_failed(device: Device, dtype: npt.DTypeLike, kernel: str, log: str) ->
     """Note that a device cannot build a kernel, and return the error to raise; `log` is what the compiler said."""
     key, why = _key(device, dtype), f"it cannot build the kernel {kernel}: {first_lines(log)}"
     with _lock:
-        again = key in _chosen and key not in _failed
+        # also if another thread has told of the device: this call has chosen it before
+        again = key if key in _chosen else None
         _failed.setdefault(key, why)
     others = "use another backend (gpureg backends lists them), or a newer driver"
     return BuildFailed(f"{device.id} ({device.name}, {device.driver}): {why}. {others[0].upper()}{others[1:]}", again)

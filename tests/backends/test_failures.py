@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from collections.abc import Iterator
 
@@ -84,6 +85,38 @@ def test_a_build_that_fails_late(broken: list[str], monkeypatch: pytest.MonkeyPa
     assert result.backend.startswith("numpy")
     assert checks == [0] * len(broken) + [0, 1]
     assert broken == [device.name for device in backends.devices() if device.backend == "opencl"]
+
+
+def test_two_calls_meet_the_same_failure(broken: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """While one call builds, another one has already told of the device: both go on with the next one."""
+    from gpureg.backends.opencl import launching
+
+    refused = launching.built
+
+    def told_of(context, source, options):
+        for device in backends.devices():
+            if device.handle == context.devices[0]:
+                failures.build_failed(device, "float64", "other", "error: the other call")
+        return refused(context, source, options)
+
+    monkeypatch.setattr(launching, "built", told_of)
+    with pytest.warns(UserWarning, match="the other call"):
+        assert gr.regularize(F0, GRID, p=1, max_iter=3, dtype="float64").backend.startswith("numpy")
+
+
+def test_a_device_that_auto_had_chosen_is_named(broken: list[str], nothing_failed: None) -> None:
+    """The call does not go on for ever: a device that is named fails again."""
+    device = next(one for one in backends.devices() if one.backend == "opencl")
+    failures.chosen(device, "float64", [])
+    with pytest.raises(gr.BackendUnavailable, match="cannot build the kernel"):
+        gr.regularize(F0, GRID, backend=device.id, dtype="float64")
+
+
+def test_the_error_of_a_build_is_pickled() -> None:
+    """As by a process of a pool that hands it to the one that waits."""
+    error = pickle.loads(pickle.dumps(failures.BuildFailed("why", ("opencl:0", "float32"))))
+    assert isinstance(error, gr.BackendUnavailable)
+    assert (str(error), error.again) == ("why", ("opencl:0", "float32"))
 
 
 def test_a_named_device_says_what_its_compiler_said(broken: list[str]) -> None:
