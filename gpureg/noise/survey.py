@@ -124,15 +124,18 @@ class _Pass:
     def over(cls, cut: Sequence[Block], *, tested: bool, line: tuple[float, float] | None = None) -> _Pass:
         parts: list[Measured] = []
         tests: list[Whiteness] = []
-        cells, growth = [], fit_growth([])
+        cells: list[Array] = []
+        growth = None
         with ThreadPoolExecutor(1) as beside:
-            for block in cut:
+            for i, block in enumerate(cut):
                 found = measure(block, line)
-                # at the same time as the growth, which is a third of the time too
+                # in a second thread, while this one fits the growth; each takes about a third of the time
                 testing = beside.submit(_tests, block, found) if tested and len(tests) < _TESTED else None
                 cells.append(cells_of(found, len(cut)))
-                growth = fit_growth(cells) if len(cells) == len(cut) else None
-                tests += [test for test in testing.result() if test is not None] if testing is not None else []
+                if i == len(cut) - 1:
+                    growth = fit_growth(cells)
+                if testing is not None:
+                    tests += [test for test in testing.result() if test is not None]
                 parts.append(found if len(parts) < PLANES else replace(found, fields=None))
         return cls(parts, tests, growth)
 
