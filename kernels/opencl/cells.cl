@@ -1,6 +1,6 @@
 /* The cells of an image as a function on the grid, and back, with all conversions of types and layouts:
  *
- *     f_c(u) = (x_c(u)/unit_c - offset_c) factor            cells_in   (OUT is not defined)
+ *     f_c(u) = (x_c(u)/unit_c - offset_c) factor            without OUT
  *     x_c(u) = (f_c(u) factor + offset_c) unit_c            with OUT; integers rounded to the nearest and clipped
  *
  * One work item: RUN neighbouring cells of a row, all channels. On a GPU RUN is 1, so that neighbouring work items read

@@ -142,3 +142,21 @@ def test_padded_planes(make, device, zeros):
         inner = np.pad(inner, [(0, 0)] * len(shape) + [(left, width - left - inner.shape[-1])])
         expected = np.pad(inner.ravel(), before)
         assert_array_equal(backend._download(planes, expected.size, np.float32), expected)
+
+
+def test_an_interruption_waits_for_the_kernel(device, monkeypatch):
+    """A kernel on a CPU uses the memory of the image itself, which may be freed after an interruption."""
+    backend = backends.get(device, "float32")
+    if backend.name != "opencl" or backend.device.kind != "cpu":
+        pytest.skip("images are copied")
+
+    def interrupted(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(type(backend), "_wait_for", interrupted)
+    grid = GridGraph((2048, 1024))
+    out = np.zeros((*grid.shape, 1), np.float32)
+    f = backend.empty(grid, 1)
+    with pytest.raises(KeyboardInterrupt):
+        backend.get_cells(grid, f, out, frame=Frame((1.0,), 1.0))
+    assert (out == 1).all()

@@ -158,10 +158,15 @@ class OpenCLCells(OpenCLLaunches):
                     there,
                     f.buffer,
                 ]
-                self._kernel("cells", options, args)(self._shared.queue, (size, rows), (local, 1), *args)
-                if band is None:
-                    self._wait_for(there, chunk, back)
-                elif back:
+                kernel = self._kernel("cells", options, args)
+                try:
+                    kernel(self._shared.queue, (size, rows), (local, 1), *args)
+                    if band is None:
+                        self._wait_for(there, chunk, back)
+                except BaseException:  # an interruption: the kernel may still use the memory of the host
+                    self._shared.queue.finish()
+                    raise
+                if band is not None and back:
                     self._copy(band, chunk, back=True)
         if back and not own:
             cells[...] = np.moveaxis(host.reshape(m, *grid.shape), 0, -1) if planar else host.reshape(cells.shape)
