@@ -336,3 +336,15 @@ def test_a_limit_beyond_all_numbers_takes_no_cells_outside_of_the_grid(device, o
     backend = grouping(device, "float32")
     case = replace(DEVICES[0], form=replace(DEVICES[0].form, flat=np.inf))
     assert members(case, backend, groups_of(case, backend)) == members(case, oracle, groups_of(case, oracle))
+
+
+@pytest.mark.parametrize("radius", range(8))
+def test_a_pack_of_a_line_ends_in_its_row(radius):
+    """The next row belongs to another block of the launch, which adds to the same cells at the same time."""
+    groups = pytest.importorskip(
+        "gpureg.backends.opencl.groups", reason="OpenCL is not installed", exc_type=ImportError
+    )
+    form = GroupForm(patch=(0, radius), window=(1, 1), step=(1, 1), nearest=2, most=4, flat=0.0)
+    lattice = groups._Lattice(GridGraph((5, 6)), form, 8)
+    # the first cell of the last patch of a row, and the pack that begins there
+    assert lattice.row[0] >= 5 + lattice.wide

@@ -52,9 +52,16 @@ class _Lattice:
 
     @property
     def padded(self) -> tuple[int, int, int]:
-        """Sides of a padded plane."""
-        sides = tuple(size + 2 * r for size, r in zip(self.graph.shape, self.form.patch, strict=True))
-        return self.along(sides, 1)
+        """Sides of a padded plane; a pack of a line of a patch may end in the rest of its row."""
+        sides = [size + 2 * r for size, r in zip(self.graph.shape, self.form.patch, strict=True)]
+        # in the next row it would write where another block adds at the same time
+        sides[-1] += self.wide - (2 * self.form.patch[-1] + 1) if self.wide <= 16 else 0
+        return self.along(tuple(sides), 1)
+
+    @property
+    def wide(self) -> int:
+        """Numbers of a pack that holds a line of a patch: WIDE of ``group_step.cl``; more than 16 if none does."""
+        return next(pack for pack in (4, 8, 16, _PLACES) if pack >= 2 * self.form.patch[-1] + 1)
 
     @property
     def before(self) -> int:
@@ -226,7 +233,7 @@ class OpenCLGroups(OpenCLCells):
         blocks = [-(-size // side) for size, side in zip(lattice.along(graph.shape, 1), block, strict=True)]
         # a line of a patch is added in packs of 4, 8 or 16, where that does not reach another block
         gap = block[0] - 2 * (form.window[-1] + form.patch[-1])
-        wide = next(pack for pack in (4, 8, 16, _PLACES) if pack >= 2 * form.patch[-1] + 1)
+        wide = lattice.wide
         options = (*lattice.options(), *(("-DGAP",) if wide <= 16 and gap >= wide - 2 * form.patch[-1] - 1 else ()))
         for parity in itertools.product(*((0, 1) if number > 1 else (0,) for number in blocks[::-1])):
             first = parity[::-1]
