@@ -43,6 +43,10 @@ class CellPrimitives(Data):
         units : sequence of m floats
             What the channels are divided by; empty for 1.
         """
+        if self._crosses(cells.dtype, frame):
+            out = self._target(grid, cells.shape[-1])
+            self._cross(grid, cells, out, frame, units)
+            return out
         x = cells.reshape(grid.n_vertices, -1)
         values = x.astype(held_type(x.dtype, self.dtype), copy=False)
         if len(units):
@@ -74,6 +78,9 @@ class CellPrimitives(Data):
         frame, units
             As in :meth:`put_cells`.
         """
+        if self._crosses(out.dtype, frame):
+            self._cross(grid, out, f, frame, units, back=True)
+            return
         values = frame.back(self.get(grid, f), held_type(out.dtype, self.dtype))
         if len(units):
             values = values * np.asarray(units, values.dtype)
@@ -82,6 +89,27 @@ class CellPrimitives(Data):
     def reads(self, memory: Memory) -> bool:
         """Return whether :meth:`put_memory` can use data where they lie."""
         return False
+
+    def _crosses(self, kind: np.dtype[Any], frame: Frame) -> bool:
+        """Return whether kernels convert images of this type, with no more rounding than the host."""
+        return False
+
+    def _target(self, grid: GridGraph, channels: int) -> Array:
+        """Allocate a function that :meth:`_cross` writes."""
+        return self.empty(grid, channels)
+
+    def _cross(
+        self,
+        grid: GridGraph,
+        image: npt.NDArray[Any],
+        f: Array,
+        frame: Frame,
+        units: Sequence[float],
+        *,
+        back: bool = False,
+    ) -> None:
+        """Convert the cells of an image, (*shape, m), to a function; or with `back` the function to the cells."""
+        raise NotImplementedError(f"{self!r} leaves the conversion of images to the host")
 
     def put_memory(self, graph: AnyGraph, memory: Memory, frame: Frame, *, fresh: bool = False) -> Array:
         """Return data on the device, (n, m), as a function in the units of a frame, without the host.

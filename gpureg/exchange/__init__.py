@@ -2,14 +2,14 @@
 
 The decorator :func:`gpureg.doors.door` uses it for every public function, so that all code below works with numpy
 arrays. No library is imported here: where one of its arrays exists, it is already imported. One file a library; to add
-one, write its file with the functions of :class:`.library.Library`, and a line in ``KNOWN``.
+one, write its file with the functions of :class:`.libraries.Library`, and a line in ``KNOWN``.
 """
 
 from __future__ import annotations
 
 from .arguments import Origin, as_came, as_given, call, called_with, on_host, place, taken
 from .lent import Lent
-from .library import Memory, Place
+from .libraries import Memory, Place
 
 __all__ = [
     "Lent",

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .lent import Lent
-from .library import Library, Place, library_of
+from .libraries import Library, Place, library_of
 
 # Types that are neither arrays nor contain any: seen at once.
 _PLAIN = frozenset((bool, bytes, complex, float, int, str, type, type(None), type(lambda: None)))

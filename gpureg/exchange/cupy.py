@@ -7,7 +7,7 @@ from typing import Any
 import numpy.typing as npt
 
 from . import warp
-from .library import Memory, Place, on_cuda
+from .libraries import Memory, Place, on_cuda
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:

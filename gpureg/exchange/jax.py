@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import warp
-from .library import Memory, Place, numpy_has, on_cuda
+from .libraries import Memory, Place, numpy_has, on_cuda
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:

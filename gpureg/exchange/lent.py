@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from .library import Library, Memory
+from .libraries import Library, Memory
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .library import Memory, Place
+from .libraries import Memory, Place
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:
@@ -41,8 +41,8 @@ def to_warp(array: Any, name: str) -> Memory | None:
 
 
 def from_warp(numbers: Any, shape: tuple[int, ...], like: Any) -> Any:
-    """Return nothing: no argument is lent."""
-    raise NotImplementedError
+    """Raise an error: Warp has no memory of OpenCL, so that `to_warp` gives none."""
+    raise NotImplementedError("arrays of PyOpenCL share no memory with Warp: they pass through the host")
 
 
 def place(array: Any) -> Place | None:

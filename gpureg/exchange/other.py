@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import warp
-from .library import CUDA, HOST, Memory, Place, refuse_gradients
+from .libraries import CUDA, HOST, Memory, Place, refuse_gradients
 
 
 def to_host(array: Any, name: str) -> npt.NDArray[Any]:

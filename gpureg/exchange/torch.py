@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import warp
-from .library import Memory, Place, on_cuda, refuse_gradients
+from .libraries import Memory, Place, on_cuda, refuse_gradients
 
 
 def to_host(tensor: Any, name: str) -> npt.NDArray[Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .library import Memory, Place, on_cuda, refuse_gradients
+from .libraries import Memory, Place, on_cuda, refuse_gradients
 
 # CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL of the CUDA driver.
 _DEVICE_ORDINAL = 9

@@ -1,4 +1,4 @@
-/* The rows of a stored graph in the two forms for a GPU, in the place of a part of csr.cl, which includes this file.
+/* The rows of a stored graph in the two forms for a GPU. csr.cl includes this file instead of its own rows.
  *
  * SLICED: rows of similar lengths. A slice is 32 rows, and edge j of row u is at slices[u / 32] + 32 j + u % 32, so
  * that neighbouring work items read neighbouring numbers. All rows of a slice have room for as many edges as the

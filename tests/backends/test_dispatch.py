@@ -20,7 +20,7 @@ def fake(name: str, *, float64: bool = True) -> Device:
 
 @pytest.fixture
 def present(monkeypatch: pytest.MonkeyPatch):
-    """Puts devices of our choice in the place of what this machine has."""
+    """Lists devices of our choice instead of those of this machine."""
 
     def put(*devices: Device, driver: bool = False) -> None:
         def probe(name: str) -> dispatch._Probe:

@@ -13,7 +13,7 @@ PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "st
 PARTS |= {"total", "scalars"}  # the second stage of a long sum, computations with its results
 # Parts of one language alone; kernels/README.md says why.
 OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
-OPENCL_PARTS |= {"patch_tile", "strip_unrolled", "quotient"}
+OPENCL_PARTS |= {"patch_tile", "strip_packs", "strip_unrolled", "quotient"}
 # The same primitives for a GPU, in the language whose GPUs share a work group's memory; kernels/README.md says why.
 GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # The same primitive for a GPU, in both languages.

@@ -35,7 +35,7 @@ class Tensor:
 
 
 def foreign(x: Any) -> Any:
-    """The same arguments with Tensors in the place of arrays."""
+    """The same arguments with Tensors instead of arrays."""
     if isinstance(x, np.ndarray):
         return Tensor(x)
     if isinstance(x, list | tuple):

@@ -104,7 +104,7 @@ def test_views_of_opencl_arrays(part):
         np.testing.assert_array_equal(exchange.on_host(given[::-3], "x"), SMALL[part][::-3])
 
 
-# CUDA, without a GPU: modules of our own in the place of CuPy and Warp
+# CUDA, without a GPU: modules of our own instead of CuPy and Warp
 
 
 class OnDevice:
@@ -151,7 +151,7 @@ def cupy(monkeypatch):
 
 @pytest.fixture
 def present(monkeypatch):
-    """Puts devices of our choice in the place of what this machine has."""
+    """Lists devices of our choice instead of those of this machine."""
 
     def put(*names: str, float64: bool = True, cuda: bool = True) -> None:
         made = [

@@ -1,6 +1,6 @@
 """Devices that say that they are GPUs: the kernels and launches that a GPU gets, run by a CPU.
 
-`pytest --as-gpu` puts them in the place of all devices of OpenCL and Warp. What is made for a GPU runs then: one
+`pytest --as-gpu` uses them instead of all devices of OpenCL and Warp. What is made for a GPU runs then: one
 number a work item, strided sums, work groups. It is no test of a GPU's driver.
 """
 

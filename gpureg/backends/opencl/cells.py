@@ -45,7 +45,7 @@ class OpenCLCells(OpenCLLaunches):
     def put(self, graph: AnyGraph, f: npt.NDArray[Any]) -> Array:
         if not isinstance(graph, GridGraph) or (self._shares_memory and f.size < _FEW):
             return super().put(graph, f)
-        out = self._function(graph, f.shape[1])
+        out = self._target(graph, f.shape[1])
         # in the backend's type: one kernel for all
         self._cross(graph, np.asarray(f, self.dtype).reshape(*graph.shape, -1), out, AS_GIVEN, ())
         return out
@@ -57,30 +57,7 @@ class OpenCLCells(OpenCLLaunches):
         self._cross(graph, out, x, AS_GIVEN, (), back=True)
         return out.reshape(graph.n_vertices, -1)
 
-    def put_cells(
-        self, grid: GridGraph, cells: npt.NDArray[Any], *, frame: Frame = AS_GIVEN, units: Sequence[float] = ()
-    ) -> Array:
-        if not self._converts(cells.dtype, frame):
-            return super().put_cells(grid, cells, frame=frame, units=units)
-        out = self._function(grid, cells.shape[-1])
-        self._cross(grid, cells, out, frame, units)
-        return out
-
-    def get_cells(
-        self,
-        grid: GridGraph,
-        f: Array,
-        out: npt.NDArray[Any],
-        *,
-        frame: Frame = AS_GIVEN,
-        units: Sequence[float] = (),
-    ) -> None:
-        if not self._converts(out.dtype, frame):
-            super().get_cells(grid, f, out, frame=frame, units=units)
-            return
-        self._cross(grid, out, f, frame, units, back=True)
-
-    def _function(self, grid: GridGraph, channels: int) -> Function:
+    def _target(self, grid: GridGraph, channels: int) -> Array:
         """Allocate a function whose rows a kernel writes to their ends; the guards around its planes are 0."""
         geometry = self._geometry(grid)
         assert isinstance(geometry, GridGeometry)
@@ -95,31 +72,29 @@ class OpenCLCells(OpenCLLaunches):
                 cl.enqueue_fill_buffer(self._shared.queue, buffer, np.uint8(0), begin, end - begin)
         return Function(buffer, channels)
 
-    def _converts(self, kind: np.dtype[Any], frame: Frame) -> bool:
-        """Return whether the device converts this type without more rounding than the host."""
+    def _crosses(self, kind: np.dtype[Any], frame: Frame) -> bool:
         wide = kind.itemsize == 8 or held_type(kind, self.dtype) == np.float64 or not frame.is_narrow
         return kind.str[1:] in _TYPES and (self.device.float64 or not wide)
 
     def _cross(
         self,
         grid: GridGraph,
-        cells: npt.NDArray[Any],
+        image: npt.NDArray[Any],
         f: Array,
         frame: Frame,
         units: Sequence[float],
         *,
         back: bool = False,
     ) -> None:
-        """Convert the cells of an image, (*shape, m), to a function; or with `back` the function to the cells."""
         geometry = self._geometry(grid)
         assert isinstance(geometry, GridGeometry)
-        kind, m, W = cells.dtype.newbyteorder("="), f.channels, geometry.W
+        kind, m, W = image.dtype.newbyteorder("="), f.channels, geometry.W
         held = held_type(kind, self.dtype)
         wide = np.dtype(np.float64 if held == np.float64 or not frame.is_narrow else np.float32)
-        planar = m == 1 or np.moveaxis(cells, -1, 0).flags.c_contiguous
-        image = np.moveaxis(cells, -1, 0).reshape(m, geometry.rows, W) if planar else cells.reshape(1, -1, W * m)
-        own = back and image.flags.c_contiguous and image.dtype.isnative and np.may_share_memory(image, cells)
-        host = image if own else np.empty(image.shape, kind) if back else np.ascontiguousarray(image, kind)
+        planar = m == 1 or np.moveaxis(image, -1, 0).flags.c_contiguous
+        flat = np.moveaxis(image, -1, 0).reshape(m, geometry.rows, W) if planar else image.reshape(1, -1, W * m)
+        own = back and flat.flags.c_contiguous and flat.dtype.isnative and np.may_share_memory(flat, image)
+        host = flat if own else np.empty(flat.shape, kind) if back else np.ascontiguousarray(flat, kind)
         at_once = (
             geometry.rows if self._shares_memory else min(geometry.rows, max(1, _BAND_BYTES // (W * m * kind.itemsize)))
         )
@@ -169,7 +144,7 @@ class OpenCLCells(OpenCLLaunches):
                 if band is not None and back:
                     self._copy(band, chunk, back=True)
         if back and not own:
-            cells[...] = np.moveaxis(host.reshape(m, *grid.shape), 0, -1) if planar else host.reshape(cells.shape)
+            image[...] = np.moveaxis(host.reshape(m, *grid.shape), 0, -1) if planar else host.reshape(image.shape)
 
     @property
     def _shares_memory(self) -> bool:

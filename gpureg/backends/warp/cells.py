@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from ...arrays import FloatArray, held_type
-from ...frame import AS_GIVEN, Frame
+from ...frame import Frame
 from ...graphs.grid import AnyGraph, GridGraph, row_major
 from ...kernels.warp import blur, cells, mix
 from ..types import Array
@@ -37,28 +37,8 @@ class WarpCells(WarpLaunches):
         """Whether kernels convert, blur and mix."""
         return not self._on.is_cpu
 
-    def put_cells(
-        self, grid: GridGraph, cells: npt.NDArray[Any], *, frame: Frame = AS_GIVEN, units: Sequence[float] = ()
-    ) -> Array:
-        if not self._converts or cells.dtype.newbyteorder("=") not in TYPES:
-            return super().put_cells(grid, cells, frame=frame, units=units)
-        out = self.empty(grid, cells.shape[-1])
-        self._cross(grid, cells, out, frame, units)
-        return out
-
-    def get_cells(
-        self,
-        grid: GridGraph,
-        f: Array,
-        out: npt.NDArray[Any],
-        *,
-        frame: Frame = AS_GIVEN,
-        units: Sequence[float] = (),
-    ) -> None:
-        if not self._converts or out.dtype.newbyteorder("=") not in TYPES:
-            super().get_cells(grid, f, out, frame=frame, units=units)
-            return
-        self._cross(grid, out, f, frame, units, back=True)
+    def _crosses(self, kind: np.dtype[Any], frame: Frame) -> bool:
+        return self._converts and kind.newbyteorder("=") in TYPES
 
     def _cross(
         self,
@@ -70,7 +50,6 @@ class WarpCells(WarpLaunches):
         *,
         back: bool = False,
     ) -> None:
-        """Convert the cells of an image, (*shape, m), to a function; or with `back` the function to the cells."""
         kind, m = image.dtype.newbyteorder("="), channels_of(f)
         n_rows, W = self._layout(grid).shape
         held = held_type(kind, self.dtype)
