@@ -21,6 +21,7 @@ from .groups import WarpGroups
 from .layout import channels_of
 from .lent import WarpLent
 from .listing import devices
+from .multilevel import WarpMultilevel
 from .patches import WarpPatches
 from .scalars import WarpScalars
 from .sweeps import WarpSweeps
@@ -29,7 +30,7 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpPatches, WarpSweeps, WarpZones):
+class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpMultilevel, WarpPatches, WarpSweeps, WarpZones):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
