@@ -57,29 +57,34 @@ class _State(Generic[S]):
 @door
 @dataclass(frozen=True)
 class Certified(Solver[_State]):
-    """Find the minimiser for p >= 1 and lam > 0, with a computed duality gap.
+    """Find a minimiser for p >= 1, with a computed duality gap.
 
     Parameters
     ----------
     tol : float, default 1e-4
         Stop once the gap is at most this share of the energy.
-    method : {"auto", "dual", "linear", "newton"}, default "auto"
+    method : {"auto", "dual", "primal-dual", "linear", "newton"}, default "auto"
         "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
         transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
-        proximal gradient steps on the dual problem, on the device. "newton": a few expensive primal-dual Newton steps
-        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual", and
-        changes to "newton" if that would be slow (for a small lam) and pyamg is installed.
+        proximal gradient steps on the dual problem, on the device, for lam > 0. "primal-dual": proximal steps on f and
+        on the dual variable in turn, on the device, for any lam. "newton": a few expensive primal-dual Newton steps
+        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual"; where
+        lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first method
+        would be slow (for a small lam) and pyamg is installed.
 
     Raises
     ------
     TypeError, ValueError
-        A tol that is not >= 0; an unknown method. At use: p < 1, or a lam that is 0 somewhere.
+        A tol that is not >= 0; an unknown method. At use: p < 1, or a lam that is 0 somewhere with "dual".
 
     Notes
     -----
     The gap is the energy of f minus the dual energy of a function y on the edges (kernels/README.md, ``duality_gap``).
     The dual energy is a lower bound on every energy, so that the gap bounds how far the energy of f is above the
-    minimum, for any f. As the energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. The gap includes a bound on
+    minimum, for any f. Where lam is 0 this needs bounds on a minimiser: the range of the data in the component of the
+    graph, or for a gamma that is not symmetric a wider range that follows from the energy. A component without data is
+    set to a constant, with a RuntimeWarning. If lam > 0 everywhere, the energy is lam-strongly convex and |f - f*|^2 <=
+    2 gap / min lam; where lam has zeros ``Result.error_bound_note`` says what is known. The gap includes a bound on
     its rounding error, p machine epsilons of the energy: a smaller `tol` ends with :attr:`gpureg.Stop.PRECISION`. At
     p = 2 "linear" computes the gap from a residual, with less rounding.
 
