@@ -74,6 +74,7 @@ class Cycle:
         weighted: Weighted,
         lam: float | Array,
         diagonal: FloatArray,
+        sums: FloatArray,
         coarse: list[Coarsening],
         channels: int,
     ) -> Cycle:
@@ -88,6 +89,8 @@ class Cycle:
             Its fidelity.
         diagonal : (n, 1) array
             The diagonal of its matrix; infinity at pinned vertices.
+        sums : (n,) array
+            The sums of the rows of its matrix over the columns that are not pinned.
         coarse : list of Coarsening
             The other levels.
         channels : int
@@ -97,21 +100,20 @@ class Cycle:
         graph = weighted.graph
         over = backend.put(graph, diagonal)
         for level in coarse:
-            below = level.matrix.graph()
+            below = level.graph
             smoother = _smoother(backend, weighted.graph, diagonal)
             aggregates = backend.aggregates(weighted.graph, below, level.of)
             scratch = backend.empty(weighted.graph, channels), backend.empty(weighted.graph, channels)
             r, x = backend.empty(below, channels), backend.empty(below, channels)
             levels.append(_Level(weighted, lam, smoother, aggregates, scratch, r, x))
-            weighted = backend.prepare(below, below.weights)
-            lam = backend.put(below, level.matrix.lam[:, None])
-            diagonal = level.matrix.diagonal()[:, None]
+            sums = level.sums(sums)
+            weighted, lam = backend.prepare(below, below.weights), backend.put(below, sums[:, None])
+            diagonal = (sums + 2 * below.degree())[:, None]
         if not coarse:
             return cls(graph, [], over, None, over)
-        inverse = np.linalg.inv(coarse[-1].matrix.dense())
+        inverse = np.linalg.inv(coarse[-1].graph.to_scipy().toarray() * -2 + np.diag(diagonal[:, 0]))
         complete = _complete(len(inverse))
-        rows = complete.edge_rows()
-        last = backend.prepare(complete, -inverse[rows, complete.indices] / 2)
+        last = backend.prepare(complete, -inverse[complete.edge_rows(), complete.indices] / 2)
         return cls(graph, levels, over, last, backend.put(complete, inverse.sum(axis=1)[:, None]))
 
     def solve(self, backend: Backend, r: Array, out: Array) -> None:

@@ -10,13 +10,15 @@ image with bilateral weights).
 
 from __future__ import annotations
 
+import hashlib
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
+from ..graphs.grid import AnyGraph
 
 # An edge is strong if its weight is at least this share of the largest one around a vertex.
 _STRONG = 0.25
@@ -28,7 +30,7 @@ COARSEST = 200
 
 @dataclass(frozen=True, eq=False)
 class Couplings:
-    """The matrix of a level.
+    """The weights of a level: A without its row sums.
 
     Attributes
     ----------
@@ -37,94 +39,105 @@ class Couplings:
         The neighbours of each vertex, sorted.
     weights : (edges,) float array
         W, in the order of `indices`; > 0.
-    lam : (n,) float array
-        The row sums of A. It is negative for some gamma that is not symmetric.
     """
 
     indptr: IntArray
     indices: IntArray
     weights: FloatArray
-    lam: FloatArray
 
     @classmethod
-    def of_edges(
-        cls, u: IntArray, v: IntArray, weights: FloatArray, diagonal: FloatArray, free: npt.NDArray[np.bool_]
-    ) -> Couplings:
-        """Make the matrix of undirected edges, once each, and a diagonal, (n,); rows that are not free are left out.
-
-        A free row keeps the diagonal entry that its edges to other rows have given it.
-        """
+    def of_edges(cls, n: int, u: IntArray, v: IntArray, weights: FloatArray) -> Couplings:
+        """Make the weights of a graph from its edges, each with u < v; repeated edges are added up."""
         from scipy.sparse import coo_array
 
-        n = len(diagonal)
-        inner = free[u] & free[v] & (weights > 0)
-        u, v, weights = u[inner], v[inner], weights[inner]
-        both = (np.concatenate([u, v]).astype(np.int32), np.concatenate([v, u]).astype(np.int32))
-        W = coo_array((np.concatenate([weights, weights]), both), shape=(n, n)).tocsr()
+        # from one side, so that the sum of an edge and that of its opposite are the same number
+        half = coo_array((weights, (u, v)), shape=(n, n)).tocsr()
+        W = (half + half.T).tocsr()
         W.sort_indices()
-        degree = np.bincount(u, weights, minlength=n) + np.bincount(v, weights, minlength=n)
-        lam: FloatArray = np.where(free, diagonal, 0) - 2 * degree
-        return cls(W.indptr, W.indices, W.data, lam)
+        values: FloatArray = W.data
+        return cls(W.indptr, W.indices, values)
 
     @property
     def n(self) -> int:
         """Number of vertices."""
-        return len(self.lam)
+        return len(self.indptr) - 1
 
     def rows(self) -> IntArray:
         """Return the vertex at which each edge begins."""
         found: IntArray = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(self.indptr))
         return found
 
-    def coarse(self, of: IntArray, n: int) -> Couplings:
-        """Return P'AP for the aggregate of each vertex, -1 for none, of `n` aggregates."""
-        from scipy.sparse import coo_array
-
-        start, end = of[self.rows()], of[self.indices]
-        # each pair from one side, so that the sum of an edge and that of its opposite are the same number
-        across = (start < end) & (start >= 0)
-        half = coo_array((self.weights[across], (start[across], end[across])), shape=(n, n)).tocsr()
-        W = (half + half.T).tocsr()
-        W.sort_indices()
-        inside = of >= 0
-        lam: FloatArray = np.bincount(of[inside], self.lam[inside], minlength=n)
-        return Couplings(W.indptr, W.indices, W.data, lam)
-
-    def graph(self) -> Graph:
-        """Return the graph of a level."""
-        return Graph(self.indptr, self.indices, self.weights)
-
-    def diagonal(self) -> FloatArray:
-        """Return the diagonal of A, (n,)."""
-        found: FloatArray = self.lam + 2 * np.bincount(self.rows(), self.weights, minlength=self.n)
+    def degree(self) -> FloatArray:
+        """Return the sum of the weights around each vertex, (n,)."""
+        found: FloatArray = np.bincount(self.rows(), self.weights, minlength=self.n).astype(np.float64)
         return found
 
-    def dense(self) -> FloatArray:
-        """Return A as an array, (n, n)."""
+    def product(self, lam: FloatArray, x: FloatArray) -> FloatArray:
+        """Return A x for the row sums `lam` and x, (n,) each."""
         from scipy.sparse import csr_array
 
-        A = csr_array((-2 * self.weights, self.indices, self.indptr), shape=(self.n, self.n)).toarray()
-        A[np.diag_indices(self.n)] = self.diagonal()
-        found: FloatArray = A
+        W = csr_array((self.weights, self.indices, self.indptr), shape=(self.n, self.n))
+        found: FloatArray = (lam + 2 * self.degree()) * x - 2 * (W @ x)
         return found
+
+    def coarse(self, of: IntArray, n: int) -> Couplings:
+        """Return the weights of P'AP for the aggregate of each vertex, -1 for none, of `n` aggregates."""
+        start, end = of[self.rows()], of[self.indices]
+        across = (start < end) & (start >= 0)
+        return Couplings.of_edges(n, start[across], end[across], self.weights[across])
 
 
 @dataclass(frozen=True, eq=False)
 class Coarsening:
-    """A level: the aggregate of each vertex of the level before, (n,), or -1; and its matrix."""
+    """A level below the first one.
+
+    Attributes
+    ----------
+    of : (n,) int array
+        The aggregate of each vertex of the level before, or -1.
+    graph : Graph
+        The aggregates, with their weights.
+    """
 
     of: IntArray
-    matrix: Couplings
+    graph: Graph
+
+    def sums(self, lam: FloatArray) -> FloatArray:
+        """Sum row sums of the level before, (n,), over the aggregates."""
+        inside = self.of >= 0
+        found: FloatArray = np.bincount(self.of[inside], lam[inside], minlength=self.graph.n_vertices).astype(
+            np.float64
+        )
+        return found
 
 
 def coarsened(matrix: Couplings) -> list[Coarsening]:
-    """Return the levels below a matrix, down to :data:`COARSEST` vertices; none if no vertices are coupled."""
+    """Return the levels below these weights, down to :data:`COARSEST` vertices; none if no vertices are coupled."""
     levels: list[Coarsening] = []
     while len(matrix.indices) and (matrix.n > COARSEST or not levels):
         of, n = matched(matrix)
-        levels.append(Coarsening(of, matrix.coarse(of, n)))
-        matrix = levels[-1].matrix
+        matrix = matrix.coarse(of, n)
+        levels.append(Coarsening(of, Graph(matrix.indptr, matrix.indices, matrix.weights)))
     return levels
+
+
+# The levels of a graph, by its weights and free vertices: a second problem on it needs no setup.
+_KEPT: weakref.WeakKeyDictionary[AnyGraph, dict[bytes, list[Coarsening]]] = weakref.WeakKeyDictionary()
+# Of one graph, those of so many weights.
+_MOST_KEPT = 2
+
+
+def levels_of(graph: AnyGraph, matrix: Couplings) -> list[Coarsening]:
+    """Return the levels below the weights of a graph; they are kept as long as the graph."""
+    key = hashlib.blake2b(matrix.indptr.tobytes() + matrix.indices.tobytes() + matrix.weights.tobytes()).digest()
+    kept = _KEPT.setdefault(graph, {})
+    found = kept.get(key)
+    if found is None:
+        found = coarsened(matrix)
+        while len(kept) >= _MOST_KEPT:
+            kept.pop(next(iter(kept)), None)
+        kept[key] = found
+    return found
 
 
 def matched(matrix: Couplings) -> tuple[IntArray, int]:
