@@ -15,10 +15,13 @@ import weakref
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph
+
+Mask = npt.NDArray[np.bool_]
 
 # An edge is strong if its weight is at least this share of the largest one around a vertex.
 _STRONG = 0.25
@@ -46,16 +49,22 @@ class Couplings:
     weights: FloatArray
 
     @classmethod
-    def of_edges(cls, n: int, u: IntArray, v: IntArray, weights: FloatArray) -> Couplings:
-        """Make the weights of a graph from its edges, each with u < v; repeated edges are added up."""
+    def of_edges(cls, n: int, start: IntArray, end: IntArray, weights: FloatArray) -> Couplings:
+        """Make the weights of a graph from its directed edges, in any order; repeated edges are added up."""
         from scipy.sparse import coo_array
 
-        # from one side, so that the sum of an edge and that of its opposite are the same number
-        half = coo_array((weights, (u, v)), shape=(n, n)).tocsr()
-        W = (half + half.T).tocsr()
+        W = coo_array((weights, (start, end)), shape=(n, n)).tocsr()
         W.sort_indices()
         values: FloatArray = W.data
         return cls(W.indptr, W.indices, values)
+
+    @classmethod
+    def of_rows(cls, indptr: IntArray, indices: IntArray, weights: FloatArray, used: Mask) -> Couplings:
+        """Make the weights from rows of a graph, of which only some edges are `used`, (edges,)."""
+        if used.all():
+            return cls(indptr, indices, weights)
+        before = np.concatenate([[0], np.cumsum(used)])
+        return cls(before[indptr], indices[used], weights[used])
 
     @property
     def n(self) -> int:
@@ -83,7 +92,7 @@ class Couplings:
     def coarse(self, of: IntArray, n: int) -> Couplings:
         """Return the weights of P'AP for the aggregate of each vertex, -1 for none, of `n` aggregates."""
         start, end = of[self.rows()], of[self.indices]
-        across = (start < end) & (start >= 0)
+        across = start != end
         return Couplings.of_edges(n, start[across], end[across], self.weights[across])
 
 
@@ -117,7 +126,7 @@ def coarsened(matrix: Couplings) -> list[Coarsening]:
     while len(matrix.indices) and (matrix.n > COARSEST or not levels):
         of, n = matched(matrix)
         matrix = matrix.coarse(of, n)
-        levels.append(Coarsening(of, Graph(matrix.indptr, matrix.indices, matrix.weights)))
+        levels.append(Coarsening(of, Graph.trusted(matrix.indptr, matrix.indices, matrix.weights)))
     return levels
 
 
@@ -129,7 +138,7 @@ _MOST_KEPT = 2
 
 def levels_of(graph: AnyGraph, matrix: Couplings) -> list[Coarsening]:
     """Return the levels below the weights of a graph; they are kept as long as the graph."""
-    key = hashlib.blake2b(matrix.indptr.tobytes() + matrix.indices.tobytes() + matrix.weights.tobytes()).digest()
+    key = _digest(matrix)
     kept = _KEPT.setdefault(graph, {})
     found = kept.get(key)
     if found is None:
@@ -138,6 +147,14 @@ def levels_of(graph: AnyGraph, matrix: Couplings) -> list[Coarsening]:
             kept.pop(next(iter(kept)), None)
         kept[key] = found
     return found
+
+
+def _digest(matrix: Couplings) -> bytes:
+    """Return a number that tells matrices of one graph apart."""
+    hashed = hashlib.blake2b(digest_size=16)
+    for array in (matrix.indptr, matrix.weights):
+        hashed.update(np.ascontiguousarray(array).data)
+    return hashed.digest()
 
 
 def matched(matrix: Couplings) -> tuple[IntArray, int]:

@@ -11,11 +11,13 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array, Backend, Cosines, Numbers, Ratio
+from ..graphs.csr import Graph
+from ..graphs.edges import opposite_edges
 from ..graphs.grid import GridGraph
 from ..model.matrices import undirected_edges
 from ..model.on_device import DeviceProblem
 from .cycle import Cycle
-from .levels import Couplings, levels_of
+from .levels import Couplings, Mask, levels_of
 
 # Conjugate gradients with the diagonal take about sqrt(diagonal/lam) steps times the digits. Up to this quotient, and up
 # to so many vertices, they are done before multigrid is set up.
@@ -115,17 +117,39 @@ class Matrix:
     @classmethod
     def of(cls, problem: DeviceProblem, lam: FloatArray) -> Matrix:
         """Make the matrix of a problem for a fidelity in the device's variable, (n,)."""
-        edges, n = undirected_edges(problem), problem.weighted.graph.n_vertices
-        there, back = edges.there, edges.back
-        if problem.scale is not None:
-            there, back = there / problem.scale[edges.u, 0], back / problem.scale[edges.v, 0]
-        degree = np.bincount(edges.u, there**2, minlength=n) + np.bincount(edges.v, back**2, minlength=n)
-        free, product = np.isfinite(lam), there * back
-        inner = free[edges.u] & free[edges.v] & (product > 0)
-        couplings = Couplings.of_edges(n, edges.u[inner], edges.v[inner], product[inner])
+        graph, free = problem.weighted.graph, np.isfinite(lam)
+        if isinstance(graph, Graph):
+            couplings, degree = _stored(problem, graph, free)
+        else:
+            couplings, degree = _of_edges(problem, free)
         diagonal = lam + 2 * degree
         sums: FloatArray = np.where(free, diagonal, 0) - 2 * couplings.degree()
         return cls(couplings, sums, diagonal[:, None])
+
+
+def _stored(problem: DeviceProblem, graph: Graph, free: Mask) -> tuple[Couplings, FloatArray]:
+    """Return the couplings of the free vertices of a stored graph, and the sum of gamma^2 around each vertex, (n,)."""
+    given, rows = problem.host_gamma(), graph.edge_rows()
+    values = np.ones(graph.n_edges) if given is None else given.reshape(-1).astype(np.float64)
+    degree = np.bincount(rows, values**2 if problem.weighted.directed else values, minlength=graph.n_vertices)
+    if problem.weighted.directed:
+        values = values * values[opposite_edges(graph.indptr, graph.indices)]
+    used = free[rows] & free[graph.indices] & (values > 0)
+    return Couplings.of_rows(graph.indptr, graph.indices, values, used), degree
+
+
+def _of_edges(problem: DeviceProblem, free: Mask) -> tuple[Couplings, FloatArray]:
+    """Do the same for any graph."""
+    edges, n = undirected_edges(problem), len(free)
+    there, back, u, v = edges.there, edges.back, edges.u, edges.v
+    if problem.scale is not None:
+        there, back = there / problem.scale[u, 0], back / problem.scale[v, 0]
+    degree = np.bincount(u, there**2, minlength=n) + np.bincount(v, back**2, minlength=n)
+    product = there * back
+    used = free[u] & free[v] & (product > 0)
+    u, v, product = u[used].astype(np.int32), v[used].astype(np.int32), product[used]
+    both = np.concatenate([u, v]), np.concatenate([v, u])
+    return Couplings.of_edges(n, *both, np.concatenate([product, product])), degree
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import numpy as np
 from ...arrays import IntArray
 from ...graphs.csr import Graph
 from ...graphs.grid import AnyGraph
-from ..multilevel import Aggregates, lists_of
+from ..multilevel import Aggregates, Smoother, lists_of
 from ..types import Array, Weighted
 from .duality import OpenCLDuality
 from .geometry import GridGeometry, round_up
-from .layout import GridLayout
+from .layout import CsrLayout, GridLayout
 
 
 class _Lists(NamedTuple):
@@ -26,12 +26,15 @@ class _Lists(NamedTuple):
     starts, places : buffer
     options : tuple of str
         Their type.
+    of : buffer or None
+        The aggregate of each vertex, for the kernels of a whole level.
     """
 
     n: int
     starts: Any
     places: Any
     options: tuple[str, ...]
+    of: Any
 
 
 class OpenCLMultilevel(OpenCLDuality):
@@ -47,7 +50,14 @@ class OpenCLMultilevel(OpenCLDuality):
             places = at.guard + row * at.pitch + x
         wide = fine.n_vertices * 2 >= 2**31 or (len(places) > 0 and int(places.max()) >= 2**31)
         kind, options = (np.int64, ("-DINDEX=long",)) if wide else (np.int32, ())
-        lists = _Lists(coarse.n_vertices, self.upload(starts.astype(kind)), self.upload(places.astype(kind)), options)
+        fused = type(layout) is CsrLayout and not wide
+        lists = _Lists(
+            coarse.n_vertices,
+            self.upload(starts.astype(kind)),
+            self.upload(places.astype(kind)),
+            options,
+            self.upload(of.astype(np.int32)) if fused else None,
+        )
         return Aggregates(fine, coarse, lists)
 
     def _over_lists(self, primitive: str, aggregates: Aggregates, channels: int, args: list[Any]) -> None:
@@ -72,3 +82,46 @@ class OpenCLMultilevel(OpenCLDuality):
         lams, options = self._lam(lam)
         args, options = [x.buffer, r.buffer, *lams, step.buffer, out.buffer], (f"-DM={x.channels}", *options)
         self._run("relax", weighted, args, options, sums=x.channels)
+
+    # A level that is a stored graph, one row a work item, takes one launch each way.
+
+    def descend(
+        self,
+        aggregates: Aggregates,
+        weighted: Weighted,
+        r: Array,
+        lam: float | Array,
+        smoother: Smoother,
+        *,
+        scratch: tuple[Array, Array],
+        out: Array,
+    ) -> Array:
+        lists: _Lists = aggregates.handle
+        if lists.of is None:
+            return super().descend(aggregates, weighted, r, lam, smoother, scratch=scratch, out=out)
+        lams, options = self._lam(lam)
+        args = [np.int64(lists.n), lists.starts, lists.places, r.buffer, *lams, smoother.step.buffer, out.buffer]
+        group = self._csr_group(aggregates.coarse)
+        size = (round_up(max(lists.n, 1), group),)
+        self._run("descend", weighted, args, (f"-DM={r.channels}", *options), size, local=(group,))
+        return out
+
+    def ascend(
+        self,
+        aggregates: Aggregates,
+        weighted: Weighted,
+        e: Array,
+        r: Array,
+        lam: float | Array,
+        smoother: Smoother,
+        *,
+        scratch: tuple[Array, Array],
+        out: Array,
+    ) -> Array:
+        lists: _Lists = aggregates.handle
+        if lists.of is None:
+            return super().ascend(aggregates, weighted, e, r, lam, smoother, scratch=scratch, out=out)
+        lams, options = self._lam(lam)
+        args = [lists.of, e.buffer, r.buffer, *lams, smoother.step.buffer, out.buffer]
+        self._run("ascend", weighted, args, (f"-DM={r.channels}", *options))
+        return out
