@@ -8,6 +8,7 @@ import numpy.typing as npt
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Weighted
 from .cosines import OpenCLCosines
+from .curvature import OpenCLCurvature
 from .groups import OpenCLGroups
 from .listing import devices
 from .multilevel import OpenCLMultilevel
@@ -20,7 +21,14 @@ __all__ = ["OpenCLBackend", "devices", "make"]
 
 
 class OpenCLBackend(
-    OpenCLSweeps, OpenCLCosines, OpenCLScalars, OpenCLMultilevel, OpenCLGroups, OpenCLPatches, OpenCLZones
+    OpenCLSweeps,
+    OpenCLCosines,
+    OpenCLScalars,
+    OpenCLCurvature,
+    OpenCLMultilevel,
+    OpenCLGroups,
+    OpenCLPatches,
+    OpenCLZones,
 ):
     """The primitives as OpenCL C kernels."""
 

@@ -17,6 +17,7 @@ from ...kernels.warp import (
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .cosines import WarpCosines
+from .curvature import WarpCurvature
 from .groups import WarpGroups
 from .layout import channels_of
 from .lent import WarpLent
@@ -30,7 +31,17 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpMultilevel, WarpPatches, WarpSweeps, WarpZones):
+class WarpBackend(
+    WarpCosines,
+    WarpScalars,
+    WarpCurvature,
+    WarpMultilevel,
+    WarpGroups,
+    WarpLent,
+    WarpPatches,
+    WarpSweeps,
+    WarpZones,
+):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
