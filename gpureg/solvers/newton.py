@@ -88,6 +88,7 @@ class _State:
     y: FloatArray
     eps: float  # of the next step
     cycle: multigrid.Preconditioner | None = None  # if it is the same for all steps
+    box: tuple[FloatArray, FloatArray] | None = None
     inner: int = 0
     halved: int = 0
 
@@ -121,7 +122,12 @@ class Newton(Solver[_State]):
         y = np.zeros((len(model.d.start), problem.channels))
         previous = backend.empty(graph, problem.channels)
         eps = problem.eps if problem.eps or problem.p >= 2 else 0.1 * problem.problem.spread
-        return _State(problem.put_function(host), previous, model, host, y, eps)
+        box = None
+        if problem.box is not None:
+            scale = 1.0 if problem.scale is None else problem.scale
+            low, high = (backend.get(graph, end).astype(np.float64) / scale for end in (problem.box.low, problem.box.high))
+            box = low, high
+        return _State(problem.put_function(host), previous, model, host, y, eps, box=box)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one Newton step, shortened until the energy falls enough."""
@@ -165,6 +171,8 @@ class Newton(Solver[_State]):
         turned = q ** (-p / 2) * y if p < 2 else share / q * df
         y = g * (share * (df + dh) - (2 - p) * turned * grouped(df * dh))
         host = f + theta * h
+        if state.box is not None:
+            host = np.clip(host, *state.box)
         return replace(
             state,
             f=problem.put_function(host),
