@@ -18,12 +18,12 @@
 
 __kernel void duality_gap(
     GRAPH_ARGS,
-    const long segment,        /* vertices or packs of a work item; read without GROUP */
-    __global const real *f,    /* M channels */
-    __global const real *y,    /* M channels per directed edge */
-    __global const real *f0,   /* M channels */
-    __global const real *lams, /* 1 channel; read with LAM_ARRAY */
-    const real lam_,           /* read without LAM_ARRAY */
+    const long segment,         /* vertices or packs of a work item; read without GROUP */
+    __global const real *f,     /* M channels */
+    __global const real *y,     /* M channels per directed edge */
+    __global const real *f0,    /* M channels */
+    __global const real *lams,  /* 1 channel; read with LAM_ARRAY */
+    const real lam_,            /* read without LAM_ARRAY */
     __global const real *lows,  /* M channels; read with BOX */
     __global const real *highs, /* M channels; read with BOX */
     const real p,
@@ -78,7 +78,8 @@ __kernel void duality_gap(
             const realN at_end = apart * (pull / 2 * apart + s + pull * (hat - data));
             const realN with_data = free_hat == hat ? unmet * unmet / (2 * pull) : at_end;
             /* an end may be infinite where s is 0 */
-            const realN without = (s > 0 ? s * (here[c] - low) : (realN)(0)) + (s < 0 ? s * (here[c] - high) : (realN)(0));
+            const realN without =
+                (s > 0 ? s * (here[c] - low) : (realN)(0)) + (s < 0 ? s * (here[c] - high) : (realN)(0));
             terms += pinned ? (realN)(0) : known ? with_data : without;
         }
 #else

@@ -1,7 +1,7 @@
 """proximal(u) = (f - tau s + tau lam f0) / (1 + tau lam), clipped to [low, high],   s = adjoint(y)
 
-f0 where lam is infinite. It is clipped only with a box. The share of f0 is w / (1 + w) with w = tau lam, so that neither
-a small w nor an infinite one loses digits.
+f0 where lam is infinite. It is clipped only with a box. The share of f0 is w / (1 + w) with w = tau lam, so that
+neither a small w nor an infinite one loses digits.
 
 One work item: one vertex. `out` may be f.
 Traffic per vertex: as adjoint, plus 2 M values of f and f0, lam, tau (with a box: and 2 M values).

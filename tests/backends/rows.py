@@ -73,7 +73,11 @@ for row in (
     ),
     Primitive("primal", {"y": EDGES, **F0, **LAM}, FUNCTION, calls_dual.primal),
     Primitive(
-        "duality_gap", {**F, "y": EDGES, **F0, **LAM, **MODEL, "box": SETTING}, NUMBER, calls_dual.duality_gap, out=False
+        "duality_gap",
+        {**F, "y": EDGES, **F0, **LAM, **MODEL, "box": SETTING},
+        NUMBER,
+        calls_dual.duality_gap,
+        out=False,
     ),
     Primitive(
         "patch_distance", {"f": HOST, "form": SETTING}, WEIGHTS, calls_patches.patch_distance, weights=False, out=False

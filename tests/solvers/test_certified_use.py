@@ -298,7 +298,9 @@ def test_wrong_types(tol) -> None:
 
 @pytest.mark.parametrize("method", ["jacobi", "", 3])
 def test_wrong_methods(method) -> None:
-    with pytest.raises(ValueError, match='Certified: method must be "auto", "dual", "primal-dual", "linear" or "newton"'):
+    with pytest.raises(
+        ValueError, match='Certified: method must be "auto", "dual", "primal-dual", "linear" or "newton"'
+    ):
         gr.Certified(method=method)
 
 
