@@ -38,7 +38,7 @@ __kernel void shorten(
         for (int c = 0; c < M; ++c) STORE(y, EDGE_AT(c, M), by * LOAD(y, EDGE_AT(c, M)));
     END
 #else
-    EDGES
+    NEIGHBOURS
         for (int c = 0; c < M; ++c) {
             const realN y_e = LOAD(y, EDGE_AT(c, M));
             square[0] += y_e * y_e;
