@@ -280,8 +280,10 @@ class DualBounds:
         f: FloatArray,
         f_previous: FloatArray,
         beta: float,
-        sigma: float,
+        sigma: float | FloatArray,
         p: float,
+        *,
+        beta_y: float | None = None,
     ) -> FloatArray:
         """The prox moves two points nowhere farther apart: what z is off goes through, measured by the norm.
 
@@ -295,8 +297,9 @@ class DualBounds:
         beyond_off = self.gamma(3) * ((1 + beta) * np.abs(f) + beta * np.abs(f_previous))
         d, off = self.difference(beyond)
         off = off + (1 + self.gamma(8)) * (self.other * beyond_off[self.columns] + self.own * beyond_off[self.rows])
-        z = y + beta * (y - previous) + sigma * d
-        sizes = (1 + beta) * np.abs(y) + beta * np.abs(previous) + sigma * np.abs(d)
+        back = beta if beta_y is None else beta_y
+        z = y + back * (y - previous) + sigma * d
+        sizes = (1 + back) * np.abs(y) + back * np.abs(previous) + sigma * np.abs(d)
         z_off = self.gamma(4) * sizes + sigma * off
         moved = np.sqrt(self.norms(z_off**2))
         length = self.gamma(np.asarray(self.terms(y.shape[1])) + 7)
@@ -304,6 +307,25 @@ class DualBounds:
         if not self.edge_norm:
             moved, length = moved[self.rows], length[self.rows]
         return self.slack * (moved + z_off + (2 * length + self.gamma(k)) * np.abs(z))
+
+    def proximal(
+        self,
+        f: FloatArray,
+        y: FloatArray,
+        opposite: FloatArray,
+        f0: FloatArray,
+        lam: FloatArray,
+        tau: float | FloatArray,
+    ) -> FloatArray:
+        """From f - tau d*y (3) a share w / (1 + w) of the way to f0, which two divisions and 3 roundings find (3 more).
+
+        Clipping moves two points nowhere farther apart.
+        """
+        pinned = np.isinf(lam)
+        sizes = np.abs(f) + tau * self.around(self.own * (np.abs(y[opposite]) + np.abs(y)))
+        off = tau * self.adjoint(y, opposite) + self.gamma(3) * sizes
+        off = off + self.gamma(2 * DIVISION + 6) * (sizes + np.abs(f0))
+        return self.slack * np.where(pinned, 0, off)
 
     def primal(self, y: FloatArray, opposite: FloatArray, f0: FloatArray, lam: FloatArray) -> FloatArray:
         """The adjoint, a division and a subtraction."""
@@ -320,6 +342,8 @@ class DualBounds:
         lam: FloatArray,
         p: float,
         eps: float,
+        *,
+        box: tuple[FloatArray, FloatArray] | None = None,
     ) -> float:
         """Term by term, before they cancel.
 
@@ -349,12 +373,44 @@ class DualBounds:
         pairs_off = self.norms(off * np.abs(y)) + self.gamma(count + 2) * pairs
         at_norms = primal_off + dual_off + pairs_off + self.gamma(4) * (primal + size + pairs)
         free = ~np.isinf(lam)
-        lam = np.where(free, lam, 1)
+        nothing, lam = lam == 0, np.where(free & (lam > 0), lam, 1)
         pull = self.around(self.own * (y[opposite] - y))
         residual = lam * (f - f0) + pull
         residual_off = self.adjoint(y, opposite) + self.gamma(4) * (lam * np.abs(f - f0) + np.abs(pull))
         unmet = (2 * np.abs(residual) * residual_off + residual_off**2) / (2 * lam)
-        unmet = unmet + self.gamma(f.shape[1] + 4 + DIVISION) * residual**2 / (2 * lam)
+        size_of_unmet = residual**2 / (2 * lam)
+        if box is not None:
+            size_of_unmet, off_in_box = self._in_box(f, pull, self.adjoint(y, opposite), f0, lam, nothing, *box)
+            unmet = np.where(nothing, 0, unmet) + off_in_box
+        unmet = unmet + self.gamma(f.shape[1] + 4 + DIVISION) * size_of_unmet
         parts = float(at_norms.sum() + np.where(free, unmet, 0).sum())
-        total = float((primal + size + pairs).sum() + np.where(free, residual**2 / (2 * lam), 0).sum())
+        total = float((primal + size + pairs).sum() + np.where(free, size_of_unmet, 0).sum())
         return self.slack * (parts + total * (4 * self.u + self.n * 2.0**-53))
+
+    def _in_box(
+        self,
+        f: FloatArray,
+        s: FloatArray,
+        s_off: FloatArray,
+        f0: FloatArray,
+        lam: FloatArray,
+        nothing: FloatArray,
+        low: FloatArray,
+        high: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """The last term of the gap in a box, and its error apart from that of the term without a box, which is added.
+
+        Without data it is s times a distance. With data where fhat is at an end: a product of a distance, and a sum of
+        three terms. Where the device takes the other form, the ends are as near as s/lam is off.
+        """
+        width = np.where(s > 0, f - low, high - f)
+        without = np.abs(s) * width
+        without_off = s_off * np.maximum(f - low, high - f) + self.gamma(3) * without
+        nearest = np.clip(f0 - s / lam, low, high)
+        apart = np.abs(f - nearest)
+        parts = lam / 2 * apart + np.abs(s) + lam * np.abs(nearest - f0)
+        found = apart * np.abs(lam / 2 * (f - nearest) + s + lam * (nearest - f0))
+        near = s_off / lam + self.gamma(DIVISION + 2) * (np.abs(f0) + np.abs(s) / lam)
+        at_end = np.abs(nearest - (f0 - s / lam)) > 0
+        found_off = np.where(at_end, apart * (s_off + self.gamma(6) * parts), 0) + lam * near**2
+        return np.where(nothing, without, found), np.where(nothing, without_off, found_off)

@@ -20,9 +20,7 @@ class Stop(enum.Enum):
     ENERGY = "The decrease of the energy in one iteration fell to the tolerance."
     ROUNDING = "The changes fell to the rounding of the floating-point type before the error fell to the tolerance."
     GAP = "The duality gap fell to the tolerance."
-    GAP_NO_DATA = (
-        "The duality gap fell to the tolerance. Components of the graph without data are set to a constant, see `method`."
-    )
+    GAP_NO_DATA = "The duality gap fell to the tolerance. Components without data are set to a constant, see `method`."
     PRECISION = "The duality gap falls no further: the floating-point type allows no smaller one."
     CALLBACK = "The callback asked to stop."
     INTERRUPTED = "The run was interrupted; the value is the last whole iterate."

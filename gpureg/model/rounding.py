@@ -23,8 +23,8 @@ class Rounding:
     or compensated. With a gamma divided by degrees these are sums over the edges too.
 
     A rounding d of the data moves the dual energy of y, a lower bound, by at most sum_u |d*y| |d|. Where lam is finite
-    d*y is lam (f0 - f), so that this is at most sqrt(2 energy) times the root of sum_u lam |d|^2, plus half of this sum.
-    Where f is pinned, it is at most
+    d*y is lam (f0 - f), so that this is at most sqrt(2 energy) times the root of sum_u lam |d|^2, plus half of it
+    squared. Where f is pinned, it is at most
 
         sum over directed edges of |y(u, v)| (gamma_uv |d(u)| + gamma_vu |d(v)|) <= |y|_q a
         a^p = share sum_u (sum_v (gamma_uv |d(u)| + gamma_vu |d(v)|)^2)^(p/2)
@@ -128,4 +128,4 @@ def _slopes(problem: DeviceProblem, values: FloatArray, edges: int) -> float:
     powers = (2 * total) ** (p / 2)
     if problem.edge_norm:
         powers *= max(edges, 1) ** max(1 - p / 2, 0) / 2
-    return largest * float(powers.sum()) ** (1 / p)
+    return largest * float(powers.sum() ** (1 / p))

@@ -136,12 +136,11 @@ def _middle(problem: DeviceProblem, f0: FloatArray, data: npt.NDArray[np.bool_])
     if not data.any():
         zero: FloatArray = frame.into(np.zeros((1, problem.channels)), f0.dtype)[0]
         return zero
-    return f0[data].min(axis=0) / 2 + f0[data].max(axis=0) / 2
+    middle: FloatArray = f0[data].min(axis=0) / 2 + f0[data].max(axis=0) / 2
+    return middle
 
 
-def _data_box(
-    components: Components, f0: FloatArray, known: npt.NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
+def _data_box(components: Components, f0: FloatArray, known: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return the least and the largest value of f0, (n, m), over the known vertices of each component, (n, m)."""
     labels, values = components.labels[known], f0[known]
     order = np.argsort(labels, kind="stable")
@@ -153,9 +152,7 @@ def _data_box(
     )
 
 
-def _energy_box(
-    problem: DeviceProblem, edges: Edges, parts: _Parts, f0: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _energy_box(problem: DeviceProblem, edges: Edges, parts: _Parts, f0: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Bound a minimiser where gamma is not symmetric, from the energy E of some function; low and high, (n, m).
 
     At data |f - f0| <= sqrt(2 E / lam). Along an edge |gamma_vu f(v) - gamma_uv f(u)| <= T, so that
@@ -208,7 +205,7 @@ def _along_tree(
     # one more vertex, from which all sources are as far as their bound
     rows, columns = np.concatenate([start, np.full(len(sources), n)]), np.concatenate([end, sources])
     A = csr_array((np.concatenate([lengths, first]), (rows, columns)), shape=(n + 1, n + 1))
-    _, before = dijkstra(A, indices=n, return_predecessors=True)
+    _, before = dijkstra(A, indices=np.array(n), return_predecessors=True)
     parent = before[:n].astype(np.int64)
     inside = (parent >= 0) & (parent < n)
     own = np.arange(n)
@@ -238,7 +235,7 @@ def _said(problem: DeviceProblem, parts: _Parts, constant: FloatArray, symmetric
     if not count:
         return ""
     where = len(np.unique(parts.components.labels[lone]))
-    who = f"{count} {'vertex' if count == 1 else 'vertices'} in {where} component{'s'[:where > 1]} without data"
+    who = f"{count} {'vertex' if count == 1 else 'vertices'} in {where} component{'s'[: where > 1]} without data"
     if not symmetric:
         return f"{who} set to 0, which has the least energy there"
     scale = problem.scale

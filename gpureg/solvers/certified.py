@@ -68,9 +68,9 @@ class Certified(Solver[_State]):
         transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
         proximal gradient steps on the dual problem, on the device, for lam > 0. "primal-dual": proximal steps on f and
         on the dual variable in turn, on the device, for any lam. "newton": a few expensive primal-dual Newton steps
-        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual"; where
-        lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first method
-        would be slow (for a small lam) and pyamg is installed.
+        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual";
+        where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first
+        method would be slow (for a small lam) and pyamg is installed.
 
     Raises
     ------

@@ -6,8 +6,8 @@ pinned, and the residual r = lam f0 - A f,
     P(f) - P(f*) = 1/2 r' A^-1 r <= 1/2 sum_u r(u)^2 h(u) / (A h)(u)
     |f - f*|(u) <= h(u) max_v |r(v)| / (A h)(v)
 
-because x'Ax = sum_u (A h/h)(u) x(u)^2 + sum over edges of |a_uv| h_u h_v (x_u/h_u - x_v/h_v)^2. With lam > 0 everywhere,
-h = 1 serves; otherwise the solution of A h = 1, to one digit.
+because x'Ax = sum_u (A h/h)(u) x(u)^2 + sum over edges of |a_uv| h_u h_v (x_u/h_u - x_v/h_v)^2. With lam > 0
+everywhere, h = 1 serves; otherwise the solution of A h = 1, to one digit.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ _FAR = "There is none: the powers of the weights along the paths from the data o
 
 
 def error_bound(problem: DeviceProblem, gap: float, energy: float) -> tuple[float | None, str]:
-    """Bound the Euclidean distance over all values, in units of the frame; None if no bound is known; and why, in words.
+    """Bound the Euclidean distance over all values, in units of the frame, or None; and say how, or why there is none.
 
     `energy` is that of the function.
     """
@@ -54,9 +54,7 @@ def error_bound(problem: DeviceProblem, gap: float, energy: float) -> tuple[floa
         each = _along_paths(edges, gamma, own, problem.p, _spread(problem.p, gap, energy)) / scale
         data = lam > 0
         least = float(np.min(lam[data]))
-        bound = min(
-            math.sqrt(float((each**2).sum())), math.sqrt(2 * gap / least + float((each[~data] ** 2).sum()))
-        )
+        bound = min(math.sqrt(float((each**2).sum())), math.sqrt(2 * gap / least + float((each[~data] ** 2).sum())))
     return (bound, _PATHS) if math.isfinite(bound) else (None, _FAR)
 
 
@@ -76,9 +74,7 @@ def _along_paths(edges: Edges, gamma: FloatArray, own: FloatArray, p: float, spr
     lengths = (gamma / unit) ** -q
     usable = (gamma > 0) & np.isfinite(lengths)
     u, v, lengths = edges.u[usable], edges.v[usable], lengths[usable]
-    A = csr_array(
-        (np.concatenate([lengths, lengths]), (np.concatenate([u, v]), np.concatenate([v, u]))), shape=(n, n)
-    )
+    A = csr_array((np.concatenate([lengths, lengths]), (np.concatenate([u, v]), np.concatenate([v, u]))), shape=(n, n))
     best = own
     # from the vertices that are pinned, and from all data
     for start in (np.flatnonzero(own == 0), np.flatnonzero(np.isfinite(own))):

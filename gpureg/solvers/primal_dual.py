@@ -28,8 +28,8 @@ from .loop import Course, Solver, changed
 
 # tau times the sum of sigma is at most this: the rounding of the step lengths.
 _BELOW = 1 - 1e-6
-# tau/sigma in units of the frame, in which the data's spread is about 1. Of 0.003 to 1, with which the gap fell fastest:
-# 0.03 at p = 1, 0.1 to 0.3 at 1.2, 0.3 to 1 at 1.5, on a picture with a hole and on nearest neighbours with ten labels.
+# tau/sigma in units of the frame, in which the data's spread is about 1. Of 0.003 to 1, the gap fell fastest with 0.03
+# at p = 1, 0.1 to 0.3 at 1.2, 0.3 to 1 at 1.5, on a picture with a hole and on nearest neighbours with ten labels.
 _RATIO, _DECADES, _MOST = 0.03, 2.6, 1.0
 
 

@@ -19,8 +19,8 @@ from ..model.on_device import DeviceProblem
 from .cycle import Cycle
 from .levels import Couplings, Mask, levels_of
 
-# Conjugate gradients with the diagonal take about sqrt(diagonal/lam) steps times the digits. Up to this quotient, and up
-# to so many vertices, they are done before multigrid is set up.
+# Conjugate gradients with the diagonal take about sqrt(diagonal/lam) steps times the digits. Up to this quotient, and
+# up to so many vertices, they are done before multigrid is set up.
 _EASY, _FEW = 1000, 1000
 
 
@@ -131,7 +131,8 @@ def _stored(problem: DeviceProblem, graph: Graph, free: Mask) -> tuple[Couplings
     """Return the couplings of the free vertices of a stored graph, and the sum of gamma^2 around each vertex, (n,)."""
     given, rows = problem.host_gamma(), graph.edge_rows()
     values = np.ones(graph.n_edges) if given is None else given.reshape(-1).astype(np.float64)
-    degree = np.bincount(rows, values**2 if problem.weighted.directed else values, minlength=graph.n_vertices)
+    own = values**2 if problem.weighted.directed else values
+    degree: FloatArray = np.bincount(rows, own, minlength=graph.n_vertices).astype(np.float64)
     if problem.weighted.directed:
         values = values * values[opposite_edges(graph.indptr, graph.indices)]
     used = free[rows] & free[graph.indices] & (values > 0)
@@ -144,7 +145,9 @@ def _of_edges(problem: DeviceProblem, free: Mask) -> tuple[Couplings, FloatArray
     there, back, u, v = edges.there, edges.back, edges.u, edges.v
     if problem.scale is not None:
         there, back = there / problem.scale[u, 0], back / problem.scale[v, 0]
-    degree = np.bincount(u, there**2, minlength=n) + np.bincount(v, back**2, minlength=n)
+    degree: FloatArray = (np.bincount(u, there**2, minlength=n) + np.bincount(v, back**2, minlength=n)).astype(
+        np.float64
+    )
     product = there * back
     used = free[u] & free[v] & (product > 0)
     u, v, product = u[used].astype(np.int32), v[used].astype(np.int32), product[used]

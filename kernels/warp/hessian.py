@@ -6,8 +6,9 @@ g = share q^((p - 2)/2), q = |df|^2 + eps^2 over the edges of a vertex. The numb
 Edge norm: q is that of an edge, all is computed from f, and y(v, u) = -y(u, v). 0 where lam is infinite.
 
 One work item: one vertex.
-Traffic per vertex with D neighbours: reads D weights, 2 (D + 1) M values and 2 or 3 (D + 1) numbers (grid: all but those
-of u from the cache; CSR: also D indices), with `dual` 2 D M edge values (edge norm: D M), and lam; writes M values.
+Traffic per vertex with D neighbours: reads D weights, 2 (D + 1) M values and 2 or 3 (D + 1) numbers (grid: all but
+those of u from the cache; CSR: also D indices), with `dual` 2 D M edge values (edge norm: D M), and lam; writes M
+values.
 """
 
 import functools

@@ -1,7 +1,7 @@
 """y(u, .) = y(u, .) min(1, most(u)/|y(u, .)|),   in place
 
-The dual variable of a primal-dual step is made no longer than a slope can be, most = share q^((p - 1)/2). Edge norm: the
-same for each edge, with q = |df|^2 + eps^2 computed from f.
+The dual variable of a primal-dual step is made no longer than a slope can be, most = share q^((p - 1)/2). Edge norm:
+the same for each edge, with q = |df|^2 + eps^2 computed from f.
 
 One work item: the edges of one vertex; no other work item reads or writes them.
 Traffic per vertex with D neighbours: reads D M edge values twice and most (edge norm: once, D weights and (D + 1) M

@@ -102,7 +102,7 @@ def test_every_gap_encloses_the_optimum(device: str, dtype: str, p: float, norm:
 @both_norms
 @pytest.mark.parametrize(
     ("p", "method"), [(1.0, "primal-dual"), (1.0, "newton"), (1.5, "primal-dual"), (1.5, "newton"), (2.0, "newton"),
-                      (2.0, "linear"), (3.0, "newton")]
+                      (3.0, "newton")]
 )  # fmt: skip
 def test_every_method(p: float, norm: str, method: str) -> None:
     result = solve(method=method, p=p, norm=norm)

@@ -37,7 +37,9 @@ def boxed(f0: FloatArray, graph, lam, **model) -> tuple[DeviceProblem, FloatArra
 def test_a_constant_where_there_are_no_data(p: float) -> None:
     """The middle of the data's range, 1 to 5, said in three places; elsewhere the data's component decides."""
     given = {"p": p, "lam": KNOWN, "solver": "certified", "tol": 1e-8, **ORACLE}
-    with pytest.warns(RuntimeWarning, match=r"^3 vertices in 2 components without data set to the constant 3 \(the middle"):
+    with pytest.warns(
+        RuntimeWarning, match=r"^3 vertices in 2 components without data set to the constant 3 \(the middle"
+    ):
         result = gr.regularize(VALUES, PATHS, **given)
     assert result.stop is gr.Stop.GAP_NO_DATA
     assert "without data" in str(result.stop)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
+from ...graphs.grid import AnyGraph
 from ..curvature import Bend, Curvature
 from ..types import Array, Smoothness, Weighted
 from .duality import NumpyDuality
@@ -22,20 +23,29 @@ class NumpyCurvature(NumpyDuality, Curvature):
     def _hessian(self, weighted: Weighted, h: Array, bend: Bend, lam: float | Array, out: Array) -> None:
         graph, model = weighted.graph, bend.model
         df, dh = self.difference(weighted, bend.f), self.difference(weighted, h)
+        across: FloatArray | None = None
         if model.edge:
             g, factor = _of_edges(df, bend)
-            along, across = (None if x is None else (x * dh).sum(axis=-1, keepdims=True) for x in (df, bend.y))
-            along = factor * along
-            across = None if across is None else factor * across
+            along: FloatArray = factor * (df * dh).sum(axis=-1, keepdims=True)
+            if bend.y is not None:
+                across = factor * (bend.y * dh).sum(axis=-1, keepdims=True)
         else:
-            g = self._at_edges(graph, bend.g)
-            along = self._at_edges(graph, bend.products[:, :1])
-            across = None if bend.y is None else self._at_edges(graph, bend.products[:, 1:])
-        bent = df * along if across is None else (bend.y * along + df * across) / 2
+            g, products = self._of_vertices(graph, bend)
+            along = products[..., :1]
+            across = products[..., 1:] if bend.y is not None else None
+        bent: FloatArray = df * along
+        if across is not None:
+            assert bend.y is not None
+            bent = (bend.y * along + df * across) / 2
         column = self._column(lam, len(h))
         pinned = np.isinf(column)
         total = np.where(pinned, 0, column) * h + self.adjoint(weighted, (g * dh - bent).astype(self.dtype))
         out[...] = np.where(pinned, 0, total)
+
+    def _of_vertices(self, graph: AnyGraph, bend: Bend) -> tuple[FloatArray, FloatArray]:
+        """Return g and the products at the edges that start at each vertex."""
+        assert bend.g is not None and bend.products is not None
+        return self._at_edges(graph, bend.g), self._at_edges(graph, bend.products)
 
     def shorten(self, weighted: Weighted, y: Array, f: Array, model: Smoothness, most: Array | None) -> Array:
         square = (y**2).sum(axis=-1, keepdims=True)
@@ -46,6 +56,7 @@ class NumpyCurvature(NumpyDuality, Curvature):
         else:
             graph = weighted.graph
             length = np.sqrt(self._at_edges(graph, self._around(graph, square)))
+            assert most is not None
             longest = self._at_edges(graph, most)
         y *= np.where(length > longest, longest / np.where(length > 0, length, 1), 1)
         return y
@@ -57,7 +68,8 @@ class NumpyCurvature(NumpyDuality, Curvature):
             g, factor = _of_edges(df, bend)
             along = factor * (df * dh).sum(axis=-1, keepdims=True)
         else:
-            g, along = self._at_edges(graph, bend.g), self._at_edges(graph, bend.products[:, :1])
+            g, products = self._of_vertices(graph, bend)
+            along = products[..., :1]
         assert bend.y is not None
         bend.y[...] = g * (df + dh) - along * bend.y
         return bend.y
