@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+
+from .problem import Problem
 
 
 class Stop(enum.Enum):
@@ -60,6 +62,10 @@ class Result:
         differently.
     seconds : float
         Wall-clock time of the run, weights and transfers included.
+    problem : object or None
+        What was solved, for :func:`gpureg.derivatives`: the graph, and the data on the host, with which a result can be
+        three times as large as its value; with coupled=False one per channel. None where the value is not that of a
+        single minimisation.
     """
 
     value: npt.NDArray[Any]
@@ -73,6 +79,7 @@ class Result:
     method: str
     backend: str
     seconds: float
+    problem: Problem | tuple[Problem, ...] | None = field(default=None, repr=False, compare=False)
 
     # as an array of the data's library
     _exchanged: ClassVar[tuple[str, ...]] = ("value",)
@@ -88,6 +95,7 @@ class Result:
         method: str,
         backend: str,
         seconds: float,
+        problem: Problem | None = None,
     ) -> Result:
         """Make a result without energies and gap."""
         return cls(
@@ -102,6 +110,7 @@ class Result:
             method=method,
             backend=backend,
             seconds=seconds,
+            problem=problem,
         )
 
     @property
