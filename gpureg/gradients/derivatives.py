@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from ..checks import integer, number
 from ..doors import calling_back, door, warn
 from ..exchange import as_came, on_host
-from ..graphs.grid import GridGraph
+from ..graphs.grid import AnyGraph, GridGraph
 from ..model.problem import Problem, as_function
 from ..model.result import Result
 from ..weights import Weights
@@ -41,7 +41,8 @@ class Derivatives:
         shape. 0 where lam is infinite; where lam is 0, from above.
     weights : array or None
         With respect to the weights, as weights can be given: one per stored directed edge, (n_edges,), on a grid one
-        per offset, ``(*shape, K)``, 0 where there is no edge. Both directions have half of the derivative, so that ``(weights * change).sum()`` is that of L for a symmetric change. None if gamma is an array.
+        per offset, ``(*shape, K)``, 0 where there is no edge. Both directions have half of the derivative, so that
+        ``(weights * change).sum()`` is that of L for a symmetric change. None if gamma is an array.
     gamma : array or None
         With respect to gamma(u, v), in the form of `weights`, each direction by itself; None unless gamma is an array.
     p : float
@@ -161,12 +162,12 @@ def derivatives(
     if start is not None and start.shape != reached.shape:
         raise ValueError(f"initial must have the {reached.shape[1]} channel(s) of the data, got {start.shape[1]}")
     energies = [HostEnergy.of(problem) for problem in problems]
+    given: Any = None if callable(g) else _gradient(g, graph, reached.shape)
     found = [
         _found(energy, reached[:, own], None if start is None else start[:, own], sweeps, damping)
         for own, energy in zip(_channels(problems), energies, strict=True)
     ]
-    exact = np.float64
-    value = np.concatenate([one.energy.on.problem.frame.back(one.f, np.dtype(exact)) for one in found], axis=1)
+    value = np.concatenate([one.energy.on.problem.frame.back(one.f, np.dtype(np.float64)) for one in found], axis=1)
     inside = np.ones(len(value), bool)
     if isinstance(graph, GridGraph) and graph.mask is not None:
         inside = graph.mask.ravel()
@@ -175,26 +176,22 @@ def derivatives(
     distance = float(away.max(initial=0))
     if callable(g):
         with calling_back():
-            given: Any = on_host(g(as_came(value.reshape(shape))), "g")
-    else:
-        given = g
-    if given is g and distance > _FAR * max(problem.spread * problem.frame.scale for problem in problems):
+            given = on_host(g(as_came(value.reshape(shape))), "g")
+        given = _gradient(given, graph, reached.shape)
+    elif distance > _FAR * max(problem.spread * problem.frame.scale for problem in problems):
         at = "the minimiser" if sweeps is None else f"the last of {sweeps} sweeps"
         warn(
             f"the result is up to {distance:.3g} away from {at}, where the derivatives are taken, and g was computed "
             "at the result. Give g as a function of the value, or a result with a smaller tol",
             RuntimeWarning,
         )
-    slope = as_function(graph, given, "g").astype(exact)
-    if slope.shape != value.shape:
-        raise ValueError(f"g must have the shape of result.value, {shape}, got {np.shape(given)}")
     parts = [
-        one.derivatives(slope[:, own]).in_units_of_the_data(one.energy)
+        one.derivatives(given[:, own]).in_units_of_the_data(one.energy)
         for own, one in zip(_channels(problems), found, strict=True)
     ]
     whole = joined(parts)
     notes = _notes(energies, sweeps)
-    f0 = np.where(inside[:, None], whole.f0, slope).reshape(shape)
+    f0 = np.where(inside[:, None], whole.f0, given).reshape(shape)
     is_array = not isinstance(problems[0].gamma, str)
     edges = edges_as_given(energies[0], whole.edges)
     return Derivatives(
@@ -237,6 +234,14 @@ def _problems(result: Result, sweeps: int | None) -> Sequence[Problem]:
                 "give regularize an eps > 0 (solver='certified' computes with 0 unless one is given)"
             )
     return problems
+
+
+def _gradient(g: npt.ArrayLike, graph: AnyGraph, shape: tuple[int, ...]) -> FloatArray:
+    """Check a gradient, and return it as (n, m) in float64."""
+    found = as_function(graph, g, "g").astype(np.float64)
+    if found.shape != shape:
+        raise ValueError(f"g must have the {shape[1]} channel(s) of result.value, got {found.shape[1]}")
+    return found
 
 
 def _channels(problems: Sequence[Problem]) -> list[slice]:

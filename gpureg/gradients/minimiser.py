@@ -22,9 +22,11 @@ _DECREASE, _HALVINGS = 1e-4, 40
 _STEPS, _FACTOR = 40, 0.2
 # A change is rounding if it is at most this share of the largest value.
 _STILL = 1e-14
-# What is left of the way to the minimiser at most, as a share of the largest value: beyond the first, Newton's steps
-# become those of the energy itself; beyond the second, there is no derivative.
-_NEAR, FAR = 1e-4, 1e-8
+# Once a step is at most this share of the largest value, the steps are those of the energy itself.
+_NEAR = 1e-4
+# What may be left of the way to the minimiser, as a share of the largest value; and of eps for p < 2, as the curvature
+# changes over differences of eps. Both are errors of the derivatives.
+_LEFT, _LEFT_OF_EPS = 1e-8, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +40,14 @@ class Minimum:
         The solution of a system with the Hessian there, for a right-hand side (n, m); 0 where f is not computed.
     left : float
         Newton's next step, the largest over all values, as a share of the largest value: about the error.
+    error : Singular or None
+        Why there is no such step, if `left` is infinite.
     """
 
     point: Point
     solve: Callable[[FloatArray], FloatArray]
     left: float
+    error: Singular | None = None
 
 
 def minimum(energy: HostEnergy, start: FloatArray) -> Minimum:
@@ -54,17 +59,18 @@ def minimum(energy: HostEnergy, start: FloatArray) -> Minimum:
         It was not found, or the Hessian there is singular.
     """
     start = np.where(energy.pinned[:, None], energy.f0, start)
+    allowed = _LEFT if energy.p >= 2 else min(_LEFT, _LEFT_OF_EPS * energy.eps)
     found = _newton(energy, start)
-    if found.left <= FAR:
+    if found.left <= allowed:
         return found
     f, eps = start, max(1.0, energy.eps)
     while eps > energy.eps and eps > _STILL:
         f = _newton(energy.with_eps(eps), f).point.f
         eps *= _FACTOR
     again = _newton(energy, f)
-    if again.left <= FAR:
+    if again.left <= allowed:
         return again
-    raise ArithmeticError(
+    raise again.error or ArithmeticError(
         "the minimiser could not be found exactly enough for derivatives: Newton's steps still change values by "
         f"{min(found.left, again.left):.2g} of the largest. Use a larger eps or lam, or unrolled=K"
     )
@@ -84,7 +90,7 @@ def _newton(energy: HostEnergy, f: FloatArray) -> Minimum:
             solve = solver_of(point, None if exact else _shortened(point, y))
             h = point.spread_out(solve(-point.gradient[energy.solved]))
         except Singular as error:
-            return _stopped(best, point, error)
+            return best or Minimum(point, point.spread_out, np.inf, error)
         left = float(np.abs(h).max(initial=0)) / size
         if exact:
             known = Minimum(point, _whole(point, solve), left)
@@ -102,23 +108,12 @@ def _newton(energy: HostEnergy, f: FloatArray) -> Minimum:
         if not exact:
             y = _turned(point, y, h)
         point = energy.at(point.f + theta * h)
-    if best is None:
-        return _stopped(None, point, Singular("no step lowers the energy"))
-    return best
+    return best or Minimum(point, point.spread_out, np.inf)
 
 
 def _whole(point: Point, solve: Solve) -> Callable[[FloatArray], FloatArray]:
     """Return a function that solves for (n, m) instead of the values that are computed."""
     return lambda b: point.spread_out(solve(b[point.energy.solved]))
-
-
-def _stopped(best: Minimum | None, point: Point, error: Singular) -> Minimum:
-    """Return the best point so far, or one from which nothing is known."""
-
-    def refuse(_: FloatArray) -> FloatArray:
-        raise error
-
-    return best if best is not None else Minimum(point, refuse, np.inf)
 
 
 def _factors(point: Point) -> FloatArray:

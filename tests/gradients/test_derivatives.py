@@ -129,3 +129,23 @@ def test_a_stored_graph(p, norm, gamma, coupled):
     }
     check(derivatives, model, changes, slope, found.value)
     assert found.lam[np.isinf(lam)].tolist() == [0, 0] and not found.f0[lam == 0].any()
+
+
+@pytest.mark.parametrize(("p", "norm", "eps"), [(1.3, "vertex", 0.1), (3, "edge", 0.0), (2, "edge", 0.0)])
+def test_gamma_of_each_direction(p, norm, eps):
+    """A gamma that is not symmetric; with eps = 0 for p >= 2."""
+    rng = np.random.default_rng(3)
+    graph, n = GRAPH, GRAPH.n_vertices
+    f0, lam = 1 + rng.random((n, 1)), np.array([0.5, 0.8, np.inf, 2, 0.3, 1, 1, np.inf])
+    gamma, dgamma = 0.5 + rng.random(graph.n_edges), rng.normal(size=graph.n_edges)
+    result = gr.regularize(f0, graph, p=p, lam=lam, norm=norm, gamma=gamma, eps=eps, **FEW)
+    slope = rng.normal(size=(n, 1))
+    found = gr.derivatives(result, lambda _: slope)
+    assert found.weights is None and "gamma" in found.notes[0]
+    model = {"f0": f0, "lam": lam[:, None], "p": p, "eps": eps, "norm": norm, "coupled": True}
+    model["G"] = dense(graph, gamma)
+    change = {"gamma": (lambda h: {"G": dense(graph, gamma + h * dgamma)}, 1e-3, 1e-6)}
+    change["p"] = (lambda h: {"p": p + h}, 1e-3, 1e-5)
+    derivatives = {"gamma": along(found.gamma, dgamma), "p": (found.p, abs(found.p))}
+    check(derivatives, model, change, slope, found.value)
+    assert found.eps == 0 or eps > 0

@@ -67,6 +67,7 @@ def test_sweeps(p, norm, eps, gamma, coupled, kind):
         "eps": (lambda h: {"eps": eps + h * SCALE}, found.eps * SCALE),
     }
     for name, (change, derivative) in changes.items():
+
         def value(h, change=change):
             return float((slope * sweeps(**{**model, **change(h)}).value).sum())
 
