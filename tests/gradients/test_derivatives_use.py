@@ -135,6 +135,7 @@ def test_the_problem_of_a_result():
     assert "problem" not in repr(result)
     again = gr.derivatives(pickle.loads(pickle.dumps(result)), lambda _: SLOPE)
     path = gr.regularization_path(F0, GRID, lam=[2.0, 1.0], p=1.5, eps=0.1, max_iter=1, backend="numpy")
+    assert path[0].problem.data is path[1].problem.data and path[1].problem.lam == 1
     for other in (again, gr.derivatives(path[1], lambda _: SLOPE)):
         assert_equal(before, other, 1e-9)
     both = gr.regularize(np.stack([F0, 2 * F0], axis=-1), GRID, **MODEL, coupled=False, **QUICK)
