@@ -7,6 +7,7 @@ from .curves.denoise import denoise_curve
 from .curves.files import read_curves, write_curves
 from .curves.simplify import simplify_curve
 from .curves.skeletons import Skeleton, simplify_skeleton, skeleton
+from .gradients.derivatives import Derivatives, derivatives
 from .graphs.csr import Graph
 from .graphs.files import read_graph, write_graph
 from .graphs.grid import GridGraph
@@ -62,6 +63,7 @@ __all__ = [
     "CurveInFile",
     "CurvesFile",
     "DenoisePlan",
+    "Derivatives",
     "Euler",
     "Graph",
     "GridGraph",
@@ -91,6 +93,7 @@ __all__ = [
     "denoise_nl_means",
     "denoise_points",
     "denoise_tv",
+    "derivatives",
     "describe_noise",
     "energy_partition",
     "estimate_mesh_noise",

@@ -45,6 +45,11 @@ def halved(image: np.ndarray, factor: float = 0.5) -> np.ndarray:
 CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
     "regularize": (gr.regularize, (F0, GRAPH), ON | {"max_iter": 2}),
     "regularization_path": (gr.regularization_path, (F0, GRAPH), ON | {"lam": [1.0, 0.5], "max_iter": 2}),
+    "derivatives": (
+        gr.derivatives,
+        (gr.regularize(F0, GRAPH, max_iter=2, backend="numpy"), lambda value: value),
+        {"unrolled": 2},
+    ),
     "propagate_labels": (gr.propagate_labels, (LABELS, GRAPH), ON | {"max_iter": 2}),
     "memory_needed": (gr.memory_needed, (GRID,), ON),
     "denoise_image": (gr.denoise_image, (IMAGE,), ON),

@@ -35,6 +35,7 @@ FLOORS: dict[str, int] = {
     "metrics": 4,
     "weights": 4,
     "model": 5,
+    "gradients": 6,
     "solvers": 6,
     "spectral": 6,
     "operators": 7,

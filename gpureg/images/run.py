@@ -170,7 +170,9 @@ def run_plan(plan: DenoisePlan, image: npt.ArrayLike | Raster, **options: Unpack
         )
         if plan.passes and result.stop is not Stop.CALLBACK:
             result = _with_passes(result, ready, raster, asked)
-    return replace(result, value=raster.like(ready.back(result.value)), seconds=time.perf_counter() - begin)
+    # the problem has other channels and another border than the image
+    seconds = time.perf_counter() - begin
+    return replace(result, value=raster.like(ready.back(result.value)), seconds=seconds, problem=None)
 
 
 def _nothing_done(raster: Raster, asked: RunPlan, begin: float) -> Result:

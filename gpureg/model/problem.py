@@ -271,6 +271,16 @@ class Problem:
             value = data.astype(value.dtype) if pinned.ndim == 0 else np.where(pinned, data, value)
         return value
 
+    def detached(self, given: npt.ArrayLike) -> Problem:
+        """Return the problem with copies of data that share memory with an array of the caller, who may change it."""
+        array = np.asarray(given)
+        own = {
+            name: values.copy()
+            for name, values in (("f0", self.f0), ("data", self.data))
+            if values is not None and np.may_share_memory(values, array)
+        }
+        return replace(self, **own) if own else self  # type: ignore[arg-type]
+
     @property
     def smoothness(self) -> Smoothness:
         """The settings of the model for the backends, apart from the weights."""

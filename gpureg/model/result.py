@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+
+from .problem import Problem
 
 
 class Stop(enum.Enum):
@@ -63,6 +65,10 @@ class Result:
         Wall-clock time of the run, weights and transfers included.
     error_bound_note : str
         How `error_bound` was found, or why there is none, as a sentence; empty without a gap.
+    problem : object or None
+        What was solved, for :func:`gpureg.derivatives`: the graph, and the data on the host, with which a result can be
+        three times as large as its value; with coupled=False one per channel. None where the value is not that of a
+        single minimisation.
     """
 
     value: npt.NDArray[Any]
@@ -77,6 +83,7 @@ class Result:
     backend: str
     seconds: float
     error_bound_note: str = ""
+    problem: Problem | tuple[Problem, ...] | None = field(default=None, repr=False, compare=False)
 
     # as an array of the data's library
     _exchanged: ClassVar[tuple[str, ...]] = ("value",)
@@ -92,6 +99,7 @@ class Result:
         method: str,
         backend: str,
         seconds: float,
+        problem: Problem | None = None,
     ) -> Result:
         """Make a result without energies and gap."""
         return cls(
@@ -106,6 +114,7 @@ class Result:
             method=method,
             backend=backend,
             seconds=seconds,
+            problem=problem,
         )
 
     @property

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..exchange import as_came, on_host
 from ..graphs.grid import AnyGraph
-from ..model.problem import as_function
+from ..model.problem import Problem, as_function
 from ..model.result import Interrupted, Result, Stop
 from ..solvers.loop import Callback, Check
 from ..weights import Constant, Guided, Weights
@@ -106,4 +106,11 @@ def _joined(results: Sequence[Result], value: FloatArray, seconds: float) -> Res
         seconds=seconds,
         # why there is none for one channel, if there is none
         error_bound_note=results[bounds.index(None) if None in bounds else 0].error_bound_note,
+        problem=_problems(results, value.shape[1]),
     )
+
+
+def _problems(results: Sequence[Result], channels: int) -> tuple[Problem, ...] | None:
+    """Return the problem of each channel; None if one was not solved."""
+    found = tuple(result.problem for result in results if isinstance(result.problem, Problem))
+    return found if len(found) == channels else None

@@ -110,7 +110,7 @@ class Series:
                 resume=self._state,
             )
         self._state = outcome.state
-        self._last = result_of(outcome, value_of(outcome, self._f0, self._graph), begin)
+        self._last = result_of(outcome, value_of(outcome, self._f0, self._graph), begin, problem.detached(self._f0))
         return self._last
 
     def _anew(self, lam: float | npt.ArrayLike, p: float) -> Result:

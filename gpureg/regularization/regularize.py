@@ -224,7 +224,8 @@ def regularize(
         if tiles is None:
             outcome, said = _whole(cutting, devices[0], first, progress)
             if outcome is not None:
-                return result_of(outcome, value_of(outcome, f0, graph), begin)
+                asked = None if update_weights is not None else problem.detached(f0)
+                return result_of(outcome, value_of(outcome, f0, graph), begin, asked)
             devices[0].release()
             tiles = cutting.halved(devices[0], said)
         return _in_tiles(cutting, devices, tiles, first, f0, threshold, progress, begin)
@@ -278,6 +279,7 @@ def _in_tiles(
         method=outcome.method,
         backend=outcome.devices,
         seconds=time.perf_counter() - begin,
+        problem=None if cutting.update_weights is not None else problem.detached(f0),
     )
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)

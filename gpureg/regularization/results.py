@@ -12,6 +12,7 @@ from ..arrays import FloatArray, computed_type
 from ..checks import flag, integer, number
 from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
+from ..model.problem import Problem
 from ..model.result import Interrupted, Result, Stop
 from ..model.rounding import Rounding
 from ..solvers import Solver
@@ -43,8 +44,11 @@ def value_of(outcome: Outcome, f0: npt.ArrayLike, graph: Graph | GridGraph) -> n
     return as_given(on.problem.back(on.get_function(outcome.f)), f0, graph)
 
 
-def result_of(outcome: Outcome, value: Any, begin: float) -> Result:
-    """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted."""
+def result_of(outcome: Outcome, value: Any, begin: float, asked: Problem | None = None) -> Result:
+    """Make the result of a run that began at the time `begin`; raise Interrupted if it was interrupted.
+
+    `asked` is the problem as it was given, which a solver may change.
+    """
     on, course = outcome.problem, outcome.course
     problem, frame = on.problem, on.problem.frame
     # an interruption may come after the last check
@@ -66,6 +70,7 @@ def result_of(outcome: Outcome, value: Any, begin: float) -> Result:
         backend=repr(on.backend),
         seconds=time.perf_counter() - begin,
         error_bound_note=note,
+        problem=asked,
     )
     if outcome.stop is Stop.INTERRUPTED:
         raise Interrupted(result)
