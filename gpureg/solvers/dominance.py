@@ -77,7 +77,8 @@ def _direct(matrix: Matrix, free: np.ndarray) -> FloatArray:
     from scipy.sparse.linalg import splu
 
     W = matrix.couplings
-    A = diags_array(np.where(free, matrix.diagonal[:, 0], 1)) - 2 * csr_array((W.weights, W.indices, W.indptr))
+    off = csr_array((W.weights, W.indices, W.indptr), shape=(W.n, W.n))
+    A = diags_array(np.where(free, matrix.diagonal[:, 0], 1)) - 2 * off
     try:
         found: FloatArray = splu(A.tocsc()).solve(free.astype(np.float64))
     except RuntimeError:  # exactly singular
