@@ -22,6 +22,7 @@ import math
 
 import cases
 import numpy as np
+from bounds_box import in_box
 
 from gpureg.arrays import FloatArray
 from gpureg.backends import PatchForm
@@ -380,37 +381,9 @@ class DualBounds:
         unmet = (2 * np.abs(residual) * residual_off + residual_off**2) / (2 * lam)
         size_of_unmet = residual**2 / (2 * lam)
         if box is not None:
-            size_of_unmet, off_in_box = self._in_box(f, pull, self.adjoint(y, opposite), f0, lam, nothing, *box)
+            size_of_unmet, off_in_box = in_box(self.gamma, f, pull, self.adjoint(y, opposite), f0, lam, nothing, *box)
             unmet = np.where(nothing, 0, unmet) + off_in_box
         unmet = unmet + self.gamma(f.shape[1] + 4 + DIVISION) * size_of_unmet
         parts = float(at_norms.sum() + np.where(free, unmet, 0).sum())
         total = float((primal + size + pairs).sum() + np.where(free, size_of_unmet, 0).sum())
         return self.slack * (parts + total * (4 * self.u + self.n * 2.0**-53))
-
-    def _in_box(
-        self,
-        f: FloatArray,
-        s: FloatArray,
-        s_off: FloatArray,
-        f0: FloatArray,
-        lam: FloatArray,
-        nothing: FloatArray,
-        low: FloatArray,
-        high: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """The last term of the gap in a box, and its error apart from that of the term without a box, which is added.
-
-        Without data it is s times a distance. With data where fhat is at an end: a product of a distance, and a sum of
-        three terms. Where the device takes the other form, the ends are as near as s/lam is off.
-        """
-        width = np.where(s > 0, f - low, high - f)
-        without = np.abs(s) * width
-        without_off = s_off * np.maximum(f - low, high - f) + self.gamma(3) * without
-        nearest = np.clip(f0 - s / lam, low, high)
-        apart = np.abs(f - nearest)
-        parts = lam / 2 * apart + np.abs(s) + lam * np.abs(nearest - f0)
-        found = apart * np.abs(lam / 2 * (f - nearest) + s + lam * (nearest - f0))
-        near = s_off / lam + self.gamma(DIVISION + 2) * (np.abs(f0) + np.abs(s) / lam)
-        at_end = np.abs(nearest - (f0 - s / lam)) > 0
-        found_off = np.where(at_end, apart * (s_off + self.gamma(6) * parts), 0) + lam * near**2
-        return np.where(nothing, without, found), np.where(nothing, without_off, found_off)

@@ -34,6 +34,11 @@ def prox_case(p: float, eps: float) -> ProxCase:
     return "power" if eps == 0 else "newton"
 
 
+def momenta(beta: float | tuple[float, float]) -> tuple[float, float]:
+    """Return the momentum of f and that of y in a dual step."""
+    return beta if isinstance(beta, tuple) else (beta, beta)
+
+
 class Duality(Data):
     """The primitives of the certified and accelerated solvers, which are not in the paper."""
 
@@ -111,18 +116,18 @@ class Duality(Data):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
+        beta: float | tuple[float, float],
         sigma: float | Array,
-        beta_y: float | None = None,
     ) -> Array:
         """Do a proximal step of the dual variable; the result overwrites `previous`.
 
         It is the x that minimises |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|), with
 
-            z = y + beta_y (y - previous) + sigma d_w(f + beta (f - f_previous))
+            z = y + beta_y (y - previous) + sigma d_w(f + beta_f (f - f_previous))
 
+        `beta` is one number for both, or a pair (beta_f, beta_y).
         `sigma` is a number or (n, 1): sigma(u) for the edges that start at u, with the edge norm the smaller one of
-        both ends. A `beta_y` of None is beta.
+        both ends.
         """
 
     def proximal(

@@ -22,6 +22,8 @@ _DECREASE, _HALVINGS = 1e-4, 40
 _STEPS, _FACTOR = 40, 0.2
 # A change is rounding if it is at most this share of the largest value.
 _STILL = 1e-14
+# The residual of a step's system where it is solved by iterations, far from the minimiser and near it.
+_ROUGH, _CLOSE = 0.01, 1e-6
 # Once a step is at most this share of the largest value, the steps are those of the energy itself.
 _NEAR = 1e-4
 # What may be left of the way to the minimiser, as a share of the largest value; and of eps for p < 2, as the curvature
@@ -88,7 +90,7 @@ def _newton(energy: HostEnergy, f: FloatArray) -> Minimum:
         exact = near or flat
         try:
             solve = solver_of(point, None if exact else _shortened(point, y))
-            h = point.spread_out(solve(-point.gradient[energy.solved]))
+            h = point.spread_out(solve(-point.gradient[energy.solved], _CLOSE if exact else _ROUGH))
         except Singular as error:
             return best or Minimum(point, point.spread_out, np.inf, error)
         left = float(np.abs(h).max(initial=0)) / size
@@ -113,7 +115,7 @@ def _newton(energy: HostEnergy, f: FloatArray) -> Minimum:
 
 def _whole(point: Point, solve: Solve) -> Callable[[FloatArray], FloatArray]:
     """Return a function that solves for (n, m) instead of the values that are computed."""
-    return lambda b: point.spread_out(solve(b[point.energy.solved]))
+    return lambda b: point.spread_out(solve(b[point.energy.solved], None))
 
 
 def _factors(point: Point) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Unpack
 
 import numpy as np
@@ -68,6 +68,7 @@ class Series:
         self._on: DeviceProblem | None = None
         self._state: Any = None
         self._last: Result | None = None
+        self._asked: Problem | None = None
 
     def solve(self, lam: float | npt.ArrayLike, p: float) -> Result:
         """Run with this fidelity, a number or an (n,) array, and degree."""
@@ -110,8 +111,16 @@ class Series:
                 resume=self._state,
             )
         self._state = outcome.state
-        self._last = result_of(outcome, value_of(outcome, self._f0, self._graph), begin, problem.detached(self._f0))
+        self._asked = self._detached(problem)
+        self._last = result_of(outcome, value_of(outcome, self._f0, self._graph), begin, self._asked)
         return self._last
+
+    def _detached(self, problem: Problem) -> Problem:
+        """Return the problem for a result, with the data of the last one, so that a series has one copy of them."""
+        last = self._asked
+        if last is not None and last.frame == problem.frame and last.f0.dtype == problem.f0.dtype:
+            return replace(problem, f0=last.f0, data=last.data)
+        return problem.detached(self._f0)
 
     def _anew(self, lam: float | npt.ArrayLike, p: float) -> Result:
         self._last = regularize(

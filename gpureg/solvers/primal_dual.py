@@ -77,7 +77,7 @@ class PrimalDual(Solver[_State]):
         def step(backend: Backend, here: tuple[Array, Array], there: tuple[Array, Array]) -> None:
             """Overwrite the second last y and f by the next ones."""
             backend.dual_step(
-                problem.weighted, here[0], there[0], here[1], there[1], problem.model, beta=1.0, beta_y=0.0, sigma=sigma
+                problem.weighted, here[0], there[0], here[1], there[1], problem.model, beta=(1.0, 0.0), sigma=sigma
             )
             backend.proximal(
                 problem.weighted, here[1], there[0], problem.f0, problem.lam, tau, box=problem.box, out=there[1]

@@ -82,7 +82,7 @@ def dual_step(one: Problem) -> Iterator[Call]:
         sigma = rounded(0.25 + one.f[:, :1] ** 2)
         args = {
             "y": one.y, "previous": one.y_before, "f": one.f, "f_previous": one.f_before,
-            "model": one.smoothness(p, eps), "beta": BETA, "beta_y": 0.0, "sigma": sigma,
+            "model": one.smoothness(p, eps), "beta": (BETA, 0.0), "sigma": sigma,
         }  # fmt: skip
 
         def of_vertices(exact, p=p, sigma=sigma):

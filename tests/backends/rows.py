@@ -63,7 +63,6 @@ for row in (
         "dual_step",
         {
             "y": EDGES, "previous": EDGES, **F, "f_previous": FUNCTION, **MODEL, "beta": SETTING, "sigma": COLUMN,
-            "beta_y": SETTING,
         },
         EDGES,
         calls_dual.dual_step,

@@ -50,13 +50,19 @@ def test_many_sweeps_have_the_derivatives_of_the_minimiser(p, lam, norm):
 
 
 @pytest.mark.parametrize("p", [1.2, 2])
-def test_large_systems_are_solved_by_conjugate_gradients(p, monkeypatch):
-    f0 = np.stack([F0, F0**2], axis=-1)
+def test_other_ways_to_solve_the_system(p, monkeypatch):
+    """Conjugate gradients instead of factors; factors after a few of their steps; and none of both."""
+    f0, slope = np.stack([F0, F0**2], axis=-1), np.stack([SLOPE, SLOPE**2], axis=-1)
     result = gr.regularize(f0, GRID, p=p, lam=0.5, eps=0.1, **QUICK)
-    slope = np.stack([SLOPE, SLOPE**2], axis=-1)
     found = gr.derivatives(result, lambda _: slope)
-    monkeypatch.setattr(solving, "_DIRECT", 0)
+    monkeypatch.setattr(solving, "_SMALL", 0)
     assert_equal(found, gr.derivatives(result, lambda _: slope), 1e-8)
+    monkeypatch.setattr(solving, "_FEW", 2)
+    assert_equal(found, gr.derivatives(result, lambda _: slope), 1e-8)
+    monkeypatch.setattr(solving, "_BAND", 0)
+    monkeypatch.setattr(solving, "_MANY", 3)
+    with pytest.raises(ArithmeticError, match=r"conjugate gradients did not solve|not be found exactly"):
+        gr.derivatives(result, lambda _: slope)
 
 
 def test_a_result_far_from_the_minimiser():
@@ -129,6 +135,7 @@ def test_the_problem_of_a_result():
     assert "problem" not in repr(result)
     again = gr.derivatives(pickle.loads(pickle.dumps(result)), lambda _: SLOPE)
     path = gr.regularization_path(F0, GRID, lam=[2.0, 1.0], p=1.5, eps=0.1, max_iter=1, backend="numpy")
+    assert path[0].problem.data is path[1].problem.data and path[1].problem.lam == 1
     for other in (again, gr.derivatives(path[1], lambda _: SLOPE)):
         assert_equal(before, other, 1e-9)
     both = gr.regularize(np.stack([F0, 2 * F0], axis=-1), GRID, **MODEL, coupled=False, **QUICK)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
-from ..duality import BALL_ROUNDINGS
+from ..duality import BALL_ROUNDINGS, momenta
 from ..sums import Ratio
 from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
@@ -155,15 +155,14 @@ class NumpyDuality(NumpyGraph):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
+        beta: float | tuple[float, float],
         sigma: float | Array,
-        beta_y: float | None = None,
     ) -> Array:
-        graph, beta = weighted.graph, self.real(beta)
+        graph = weighted.graph
         p, eps, edge_norm = model.p, model.eps, model.edge
-        moved = f + beta * (f - f_previous)
+        ahead, back = (self.real(x) for x in momenta(beta))
+        moved = f + ahead * (f - f_previous)
         length, of_edges = self._steps(graph, sigma, edge_norm)
-        back = beta if beta_y is None else self.real(beta_y)
         z = y + back * (y - previous) + of_edges * self.difference(weighted, moved)
         square = (z**2).sum(axis=-1, keepdims=True) if model.coupled else z**2
         r = np.sqrt(square if edge_norm else self._around(graph, square))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...graphs.grid import AnyGraph
-from ..duality import ProxCase, prox_case
+from ..duality import ProxCase, momenta, prox_case
 from ..sums import Ratio, ratios
 from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .buffers import Function
@@ -71,12 +71,11 @@ class OpenCLDuality(OpenCLLaunches):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
+        beta: float | tuple[float, float],
         sigma: float | Array,
-        beta_y: float | None = None,
     ) -> Array:
         each = model.edge or prox_case(model.p, model.eps) == "square"  # no norm over the edges of a vertex
-        betas = [self._real(beta), self._real(beta if beta_y is None else beta_y)]
+        betas = [self._real(x) for x in momenta(beta)]
         sigmas, sigma_options = self._number(sigma, "-DSIGMA_ARRAY")
         numbers = [*betas, *sigmas, self.real(model.p), self.real(model.eps)]
         args = [y.buffer, f.buffer, f_previous.buffer, *numbers, previous.buffer]

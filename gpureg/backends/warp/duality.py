@@ -8,7 +8,7 @@ import warp as wp
 
 from ...graphs.grid import AnyGraph
 from ...kernels.warp import combine, dual_step, gradient, primal, proximal
-from ..duality import prox_case
+from ..duality import momenta, prox_case
 from ..sums import Ratio, ratios
 from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .launching import WarpLaunches
@@ -57,13 +57,12 @@ class WarpDuality(WarpLaunches):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
+        beta: float | tuple[float, float],
         sigma: float | Array,
-        beta_y: float | None = None,
     ) -> Array:
         M = channels_of(f)
         options = (M, model.norms(M), prox_case(model.p, model.eps), model.edge, isinstance(sigma, wp.array))
-        inputs = [y, f, f_previous, beta, beta if beta_y is None else beta_y, sigma, model.p, model.eps]
+        inputs = [y, f, f_previous, *momenta(beta), sigma, model.p, model.eps]
         self._run(dual_step.make, weighted, options, inputs, previous)
         return previous
 
