@@ -70,7 +70,7 @@ class Multilevel(Duality):
 
     @abstractmethod
     def aggregates(self, fine: AnyGraph, coarse: Graph, of: IntArray) -> Aggregates:
-        """Put the aggregate of each vertex of `fine`, (n,), on the device; -1 for a vertex that is in none."""
+        """Put the aggregate of each vertex of `fine`, (n,), on the device; -1 for one in none, as all pinned ones."""
 
     def restrict(self, aggregates: Aggregates, x: Array, y: Array, *, out: Array | None = None) -> Array:
         """Sum x - y, functions on the fine graph, over the vertices of each aggregate."""

@@ -20,9 +20,9 @@
 #define TINY_ 1.17549435e-38f
 #endif
 
-#define EDGE_G(q) ((real)0.5 * fmax(pow(q, (realN)((p - 2) / 2)), (realN)(floor_)))
+#define EDGE_G(q) ((real)0.5 * fmax(raise(q, (p - 2) / 2), (realN)(floor_)))
 #ifdef Y
 #define EDGE_FACTOR(q) ((2 - p) / (q))
 #else
-#define EDGE_FACTOR(q) ((real)0.5 * (2 - p) * pow(q, (realN)((p - 4) / 2)))
+#define EDGE_FACTOR(q) ((real)0.5 * (2 - p) * raise(q, (p - 4) / 2))
 #endif

@@ -33,7 +33,7 @@ __kernel void shorten(
             q += SQUARED(d);
         }
         q = fmax(q + eps * eps, (realN)(TINY_));
-        const realN length = sqrt(square[0]), longest = (real)0.5 * pow(q, (realN)((p - 1) / 2));
+        const realN length = sqrt(square[0]), longest = (real)0.5 * raise(q, (p - 1) / 2);
         const realN by = length > longest ? longest / length : (realN)(1);
         for (int c = 0; c < M; ++c) STORE(y, EDGE_AT(c, M), by * LOAD(y, EDGE_AT(c, M)));
     END

@@ -11,6 +11,8 @@ from typing import Any
 
 import warp as wp
 
+from . import reals
+
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
@@ -24,11 +26,12 @@ class Numbers:
 @functools.cache
 def make(real, dual):
     """Make the functions for one type, with or without a dual variable."""
+    raise_ = reals.raising(real)
     tiny = wp.constant(real(2.2250738585072014e-308 if real == wp.float64 else 1.17549435e-38))
 
     @wp.func
     def g(q: real, p: real, floor: real) -> real:
-        return real(0.5) * wp.max(wp.pow(q, (p - real(2)) / real(2)), floor)
+        return real(0.5) * wp.max(raise_(q, (p - real(2)) / real(2)), floor)
 
     if dual:
 
@@ -40,6 +43,6 @@ def make(real, dual):
 
         @wp.func
         def factor(q: real, p: real) -> real:
-            return real(0.5) * (real(2) - p) * wp.pow(q, (p - real(4)) / real(2))
+            return real(0.5) * (real(2) - p) * raise_(q, (p - real(4)) / real(2))
 
     return Numbers(g, factor, tiny)

@@ -1,4 +1,4 @@
-"""gradient_product(u) = by(u) <df, dh>(u, .),   with `dual` also by(u) <y, dh>(u, .)
+"""gradient_product(u) = by(u) <df, dh>(u, .),   given y also by(u) <y, dh>(u, .)
 
 Inner products over the edges of a vertex and the channels, d the difference d_w (eq. 4).
 

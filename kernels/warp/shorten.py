@@ -26,7 +26,7 @@ def make(access, M, edge_norm):
     edge_value, put = reals.reading(function, 3), reals.writing(function, 3)
     of = gamma.make(real, access.directed, M, 1)
     difference, derived = of.difference, of.derived
-    tiny = curvature.make(real, True).tiny
+    tiny, raise_ = curvature.make(real, True).tiny, reals.raising(real)
 
     @wp.func
     def shortened(length: real, longest: real) -> real:
@@ -60,7 +60,7 @@ def make(access, M, edge_norm):
                     e = edge(graph, u, i, v)
                     slope = derived(e, difference(e, at(f, u[0], u[1]), at(f, v[0], v[1])))
                     q = wp.max(wp.dot(slope, slope) + eps * eps, tiny)
-                    longest = real(0.5) * wp.pow(q, (p - real(1)) / real(2))
+                    longest = real(0.5) * raise_(q, (p - real(1)) / real(2))
                     put(y, k[0], k[1], k[2], shortened(wp.sqrt(wp.dot(y_e, y_e)), longest) * y_e)
                 else:
                     square += wp.dot(y_e, y_e)
