@@ -123,8 +123,8 @@ class Cycle:
         if not coarse:
             return cls(graph, [], over, None, over)
         inverse = np.linalg.inv(coarse[-1].graph.to_scipy().toarray() * -2 + np.diag(diagonal[:, 0]))
-        complete = _complete(len(inverse))
-        last = backend.prepare(complete, -inverse[complete.edge_rows(), complete.indices] / 2)
+        complete = _complete(inverse / -2)
+        last = backend.prepare(complete, complete.weights)
         return cls(graph, levels, over, last, backend.put(complete, inverse.sum(axis=1)[:, None]))
 
     def solve(self, backend: Backend, r: Array, out: Array) -> None:
@@ -170,8 +170,9 @@ def _smoother(backend: Backend, graph: AnyGraph, diagonal: FloatArray) -> Smooth
     return Smoother(backend.put(graph, 1 / over), backend.put(graph, over))
 
 
-def _complete(n: int) -> Graph:
-    """Return the complete graph of n vertices."""
-    columns = np.broadcast_to(np.arange(n), (n, n))
-    others = columns[~np.eye(n, dtype=bool)]
-    return Graph.trusted(np.arange(n + 1) * max(n - 1, 0), others, None)
+def _complete(weights: FloatArray) -> Graph:
+    """Return the complete graph with the entries of a square matrix off its diagonal as weights."""
+    n = len(weights)
+    others = ~np.eye(n, dtype=bool)
+    columns = np.broadcast_to(np.arange(n), (n, n))[others]
+    return Graph.trusted(np.arange(n + 1) * max(n - 1, 0), columns, weights[others])
