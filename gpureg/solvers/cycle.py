@@ -55,8 +55,8 @@ class _Level:
 class Cycle:
     """An approximate inverse of the matrix of eq. 25 at p = 2, symmetric and positive definite.
 
-    On each level one Jacobi sweep from zero, the correction of the next level, and one more sweep. Two of the levels are
-    solved twice. The last level has the inverse of its matrix, which is applied as the matrix of a complete graph.
+    On each level one Jacobi sweep from zero, the correction of the next level, and one more sweep. Two of the levels
+    are solved twice. The last level has the inverse of its matrix, applied as the matrix of a complete graph.
 
     Attributes
     ----------
