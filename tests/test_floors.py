@@ -81,7 +81,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "imagecodecs": ("files/png.py", "files/jpeg2000.py"),
     "networkx": ("graphs/networkx.py",),
     "shapely": ("curves/shapely.py",),
-    "pyamg": ("solvers/multigrid.py",),
+    "pyamg": (),
     "rich": ("cli/backends.py", "progress.py"),
     "click": ("cli/",),
     "cv2": (),
