@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cases
@@ -14,7 +13,7 @@ from gpureg import backends
 from gpureg.arrays import computed_type
 from gpureg.model.on_device import DeviceProblem
 from gpureg.model.problem import Problem
-from gpureg.solvers import SOLVERS, multigrid, run
+from gpureg.solvers import SOLVERS, run
 from gpureg.solvers.dual import Dual
 from gpureg.solvers.linear import Linear
 from gpureg.solvers.loop import Outcome, Solver
@@ -101,36 +100,6 @@ def test_the_type_to_compute_in(given: object, kind: str) -> None:
 def test_another_type_gets_a_sentence(given: object) -> None:
     with pytest.raises(ValueError, match="dtype must be float32 or float64, got"):
         computed_type(given)
-
-
-def system(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray]]:
-    """A positive definite matrix, a right-hand side of this shape, and the product with the matrix."""
-    M = cases.rng(3).standard_normal((40, 40))
-    A = M @ M.T + 5 * np.eye(40)
-    return A, cases.rng(5).standard_normal(shape), lambda x: (A @ x.ravel()).reshape(shape)
-
-
-@pytest.mark.parametrize("warm", [False, True])
-@pytest.mark.parametrize("preconditioned", [False, True])
-@pytest.mark.parametrize("shape", [(40,), (20, 2)])
-def test_conjugate_gradients_on_the_host(shape: tuple[int, ...], preconditioned: bool, warm: bool) -> None:
-    """To the residual that was asked for, from any start."""
-    A, b, apply = system(shape)
-    start = cases.rng(7).standard_normal(shape) if warm else None
-    by_diagonal = (lambda r: r / A.diagonal().reshape(shape)) if preconditioned else None
-    found = multigrid.conjugate_gradients(apply, b, by_diagonal, rtol=1e-10, most=400, start=start)
-    assert found.converged
-    assert found.x.shape == shape
-    # the residual of the recursion differs from the true one by its roundings
-    assert np.linalg.norm(b - apply(found.x)) <= 1.01e-10 * np.linalg.norm(b)
-
-
-def test_conjugate_gradients_say_how_they_ended() -> None:
-    A, b, apply = system((40,))
-    few = multigrid.conjugate_gradients(apply, b, rtol=1e-10, most=3)
-    assert (few.steps, few.converged) == (3, False)
-    done = multigrid.conjugate_gradients(apply, b, rtol=1e-10, most=40, start=np.linalg.solve(A, b))
-    assert (done.steps, done.converged) == (0, True)
 
 
 def test_a_check_cut_short_leaves_no_gap_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
