@@ -6,8 +6,8 @@ t = length(s) maximises s t - share phi(t), which gives the conjugate (share phi
   "newton"   any p >= 1, eps >= 0     "ball"   p = 1, eps = 0     "square"   p = 2     "power"   p > 1, eps = 0
 
 The second and third have closed forms, the last has one for the conjugate, and for p = 1.5 and 3. The others use
-Halley's method on log V = log r for log t, V the left side: the slope lies between those of its two terms, and the start
-is at most a factor of 2 off in V. Three or four steps reach rounding.
+Halley's method on log V = log r for log t, V the left side: the slope lies between those of its two terms, and
+the start is at most a factor of 2 off in V. Three or four steps reach rounding.
 """
 
 import functools
