@@ -11,13 +11,14 @@ from .patches import PatchForm, over_patches
 from .protocol import Backend
 from .recorded import Recorded, in_turns
 from .sums import Numbers, Ratio
-from .types import Array, BackendUnavailable, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
+from .types import Array, BackendUnavailable, Box, Conductance, Device, LeftOut, Smoothness, Storage, Weighted
 
 __all__ = [
     "BALL_ROUNDINGS",
     "Array",
     "Backend",
     "BackendUnavailable",
+    "Box",
     "Chosen",
     "Conductance",
     "Cosines",

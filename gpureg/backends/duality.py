@@ -17,7 +17,7 @@ from typing import Literal
 from ..graphs.grid import AnyGraph
 from .data import Data
 from .sums import Ratio
-from .types import Array, Conductance, Smoothness, Weighted
+from .types import Array, Box, Conductance, Smoothness, Weighted
 
 # At p = 1, y stays inside the unit ball by this many roundings, the error of a norm on a device.
 BALL_ROUNDINGS = 32
@@ -32,6 +32,11 @@ def prox_case(p: float, eps: float) -> ProxCase:
     if p == 2:
         return "square"
     return "power" if eps == 0 else "newton"
+
+
+def momenta(beta: float | tuple[float, float]) -> tuple[float, float]:
+    """Return the momentum of f and that of y in a dual step."""
+    return beta if isinstance(beta, tuple) else (beta, beta)
 
 
 class Duality(Data):
@@ -111,15 +116,54 @@ class Duality(Data):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
-        sigma: float,
+        beta: float | tuple[float, float],
+        sigma: float | Array,
     ) -> Array:
         """Do a proximal step of the dual variable; the result overwrites `previous`.
 
         It is the x that minimises |x - z|^2 / 2 + sigma sum phi*(|x(u, .)|), with
 
-            z = y + beta (y - previous) + sigma d_w(f + beta (f - f_previous))
+            z = y + beta_y (y - previous) + sigma d_w(f + beta_f (f - f_previous))
+
+        `beta` is one number for both, or a pair (beta_f, beta_y).
+        `sigma` is a number or (n, 1): sigma(u) for the edges that start at u, with the edge norm the smaller one of
+        both ends.
         """
+
+    def proximal(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        tau: float | Array,
+        *,
+        box: Box | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """Do a proximal step of the fidelity from f - tau d*y, and clip it to the box; `out` may be f.
+
+            (f - tau d*y + tau lam f0) / (1 + tau lam)
+
+        It is f0 where lam is infinite. `tau` is a number or (n, 1).
+        """
+        out = self._out(weighted.graph, self.channels(f), out)
+        self._proximal(weighted, f, y, f0, lam, tau, box, out)
+        return out
+
+    @abstractmethod
+    def _proximal(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        tau: float | Array,
+        box: Box | None,
+        out: Array,
+    ) -> None: ...
 
     def primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, *, out: Array | None = None) -> Array:
         """Compute the function f0 - d*y / lam of a dual variable y; f0 where lam is infinite."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph
 from .data import Data
-from .types import Array, Device, Smoothness, Weighted
+from .types import Array, Box, Device, Smoothness, Weighted
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,16 @@ class Sums(Data):
 
     @abstractmethod
     def duality_gap_into(
-        self, out: Number, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
+        self,
+        out: Number,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        model: Smoothness,
+        *,
+        box: Box | None = None,
     ) -> None:
         """Write :meth:`duality_gap` to a number on the device."""
 
@@ -148,11 +157,22 @@ class Sums(Data):
         return self._value(out)
 
     def duality_gap(
-        self, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        model: Smoothness,
+        *,
+        box: Box | None = None,
     ) -> float:
-        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms >= 0."""
+        """Compute the energy of f minus the dual energy of y, p >= 1, as a sum of terms >= 0.
+
+        Without a box lam > 0. With one lam may be 0, and f must lie in the box.
+        """
         out = self._own_number()
-        self.duality_gap_into(out, weighted, f, y, f0, lam, model)
+        self.duality_gap_into(out, weighted, f, y, f0, lam, model, box=box)
         return self._value(out)
 
     def _own_number(self) -> Number:

@@ -150,6 +150,20 @@ class Weighted:
     storage: Storage = "full"
 
 
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Bounds per vertex and channel that hold a minimiser; a certificate needs them where lam is 0.
+
+    Attributes
+    ----------
+    low, high : device functions, (n, m)
+        They may be infinite.
+    """
+
+    low: Array
+    high: Array
+
+
 def expect_stored(weighted: Weighted) -> GridGraph:
     """Return the grid, or raise BackendUnavailable unless its weights are stored once per pair."""
     if not isinstance(weighted.graph, GridGraph) or weighted.directed or weighted.storage == "none":

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..backends import Array, Backend, Conductance, Smoothness, Weighted
+from ..backends import Array, Backend, Box, Conductance, Smoothness, Weighted
 from ..frame import Frame
 from ..weights import Weights
 from .bipartite import has_swinging_part
@@ -31,6 +31,10 @@ class DeviceProblem:
         The fidelity, in the device's variable.
     scale : (n, 1) array or None
         The factor s below.
+    box : Box or None
+        Bounds on a minimiser, in the device's variable, which a certificate needs where lam is 0; None without.
+    without_data : str
+        The components without data that were set to a constant, and which one, in words; empty if there are none.
 
     Notes
     -----
@@ -45,6 +49,8 @@ class DeviceProblem:
     f0: Array
     lam: float | Array
     scale: FloatArray | None
+    box: Box | None = None
+    without_data: str = ""
 
     @classmethod
     def put(cls, problem: Problem, backend: Backend, reference: FloatArray | None = None) -> DeviceProblem:
@@ -145,8 +151,8 @@ class DeviceProblem:
         return self.backend.energy(self.weighted, f, self.f0, self.lam, self.model)
 
     def duality_gap(self, f: Array, y: Array) -> float:
-        """Compute the energy of a device function minus the dual energy of one on the edges, with rounding."""
-        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, self.model)
+        """Compute the energy of a device function, in the box, minus the dual energy of one on the edges."""
+        return self.backend.duality_gap(self.weighted, f, y, self.f0, self.lam, self.model, box=self.box)
 
 
 def put_lam(problem: Problem, backend: Backend, scale: FloatArray | None) -> float | Array:

@@ -22,6 +22,7 @@ class Stop(enum.Enum):
     ENERGY = "The decrease of the energy in one iteration fell to the tolerance."
     ROUNDING = "The changes fell to the rounding of the floating-point type before the error fell to the tolerance."
     GAP = "The duality gap fell to the tolerance."
+    GAP_NO_DATA = "The duality gap fell to the tolerance. Components without data are set to a constant, see `method`."
     PRECISION = "The duality gap falls no further: the floating-point type allows no smaller one."
     CALLBACK = "The callback asked to stop."
     INTERRUPTED = "The run was interrupted; the value is the last whole iterate."
@@ -50,8 +51,8 @@ class Result:
         Bound on the energy minus its minimum, the rounding of the energy and of the data included; None unless the
         solver computes one. By this rounding it can be above the tolerance at which the run ended.
     error_bound : float or None
-        sqrt(2 gap / min lam), a bound on the Euclidean distance over all values from the minimiser, in the data's
-        units; None without a gap.
+        A bound on the Euclidean distance over all values from the minimiser, in the data's units: sqrt(2 gap / min lam)
+        if lam > 0 everywhere. None without a gap, or where no bound is known.
     eps : float
         The smoothing of the gradient norm that was used (eq. 15), in the data's units; with coupled=False the largest
         of all channels.
@@ -62,6 +63,8 @@ class Result:
         differently.
     seconds : float
         Wall-clock time of the run, weights and transfers included.
+    error_bound_note : str
+        How `error_bound` was found, or why there is none, as a sentence; empty without a gap.
     problem : object or None
         What was solved, for :func:`gpureg.derivatives`: the graph, and the data on the host, with which a result can be
         three times as large as its value; with coupled=False one per channel. None where the value is not that of a
@@ -79,6 +82,7 @@ class Result:
     method: str
     backend: str
     seconds: float
+    error_bound_note: str = ""
     problem: Problem | tuple[Problem, ...] | None = field(default=None, repr=False, compare=False)
 
     # as an array of the data's library

@@ -104,6 +104,8 @@ def _joined(results: Sequence[Result], value: FloatArray, seconds: float) -> Res
         method=f"{results[0].method} Each of {value.shape[1]} channels by itself.",
         backend=results[0].backend,
         seconds=seconds,
+        # why there is none for one channel, if there is none
+        error_bound_note=results[bounds.index(None) if None in bounds else 0].error_bound_note,
         problem=_problems(results, value.shape[1]),
     )
 

@@ -89,8 +89,8 @@ def regularize(
         largest over the channels counts. If both are 0, fewer values are left out, but one at each end; if only these
         differ, it is the standard deviation, and for constant data their absolute value.
     solver : str or Solver, default "jacobi"
-        "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (the minimiser, for p >= 1 and lam > 0, with an error
-        bound), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or :class:`gpureg.Certified`.
+        "jacobi" (eq. 25, 31), "euler" (eq. 24), "certified" (a minimiser, for p >= 1, with a bound on its energy above
+        the minimum), or an object of :class:`gpureg.Jacobi`, :class:`gpureg.Euler` or :class:`gpureg.Certified`.
     max_iter : int, optional
         Maximal number of iterations. None: 100 with "jacobi" and "euler", 20 000 with "certified".
     tol : float, optional

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
@@ -15,7 +14,7 @@ from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.problem import Problem
 from ..model.result import Interrupted, Result, Stop
-from ..model.rounding import rounding_of
+from ..model.rounding import Rounding
 from ..solvers import Solver
 from ..solvers.loop import Callback, Outcome
 
@@ -54,8 +53,10 @@ def result_of(outcome: Outcome, value: Any, begin: float, asked: Problem | None 
     problem, frame = on.problem, on.problem.frame
     # an interruption may come after the last check
     gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
+    bound, note = None, ""
     if gap is not None:
-        gap += rounding_of(problem, course.energies[-1], on.backend.dtype)
+        gap += Rounding.of(on, outcome.f)(course.energies[-1], gap)
+        bound, note = outcome.solver.error_bound(on, outcome.state, gap, course.energies[-1])
     result = Result(
         value=value,
         iterations=outcome.iterations,
@@ -63,11 +64,12 @@ def result_of(outcome: Outcome, value: Any, begin: float, asked: Problem | None 
         energy=np.array([frame.energy(energy, problem.p) for energy in course.energies]),
         checks=np.array(course.checks),
         gap=None if gap is None else frame.energy(gap, problem.p),
-        error_bound=None if gap is None else frame.scale * math.sqrt(2 * gap / float(np.min(problem.lam))),
+        error_bound=None if bound is None else frame.scale * bound,
         eps=problem.eps * frame.scale,
         method=outcome.method,
         backend=repr(on.backend),
         seconds=time.perf_counter() - begin,
+        error_bound_note=note,
         problem=asked,
     )
     if outcome.stop is Stop.INTERRUPTED:

@@ -15,13 +15,15 @@ from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
 from . import multigrid
+from .box import inside, with_box
 from .dual import Dual, hidden
 from .linear import Linear
-from .loop import Course, S, Solver, changed
+from .loop import Course, S, Solver, changed, run
 from .newton import Newton
+from .primal_dual import PrimalDual
 from .stopping import largest_value
 
-METHODS: dict[str, type[Solver]] = {"dual": Dual, "linear": Linear, "newton": Newton}
+METHODS: dict[str, type[Solver]] = {"dual": Dual, "primal-dual": PrimalDual, "linear": Linear, "newton": Newton}
 
 
 # Newton's method takes over if more iterations than this are needed: at 512 x 512 it takes 3 to 5 s, as long as 300
@@ -31,6 +33,8 @@ _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
 _STILL = 4
 # Bytes of weights up to which matrices of a graph are made on the host.
 _HOST_EDGES = 1 << 28
+# Maximal number of iterations at p = 2 for a start.
+_SQUARES = 1000
 
 
 @dataclass(frozen=True)
@@ -53,29 +57,34 @@ class _State(Generic[S]):
 @door
 @dataclass(frozen=True)
 class Certified(Solver[_State]):
-    """Find the minimiser for p >= 1 and lam > 0, with a computed duality gap.
+    """Find a minimiser for p >= 1, with a computed duality gap.
 
     Parameters
     ----------
     tol : float, default 1e-4
         Stop once the gap is at most this share of the energy.
-    method : {"auto", "dual", "linear", "newton"}, default "auto"
+    method : {"auto", "dual", "primal-dual", "linear", "newton"}, default "auto"
         "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
         transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
-        proximal gradient steps on the dual problem, on the device. "newton": a few expensive primal-dual Newton steps
-        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual", and
-        changes to "newton" if that would be slow (for a small lam) and pyamg is installed.
+        proximal gradient steps on the dual problem, on the device, for lam > 0. "primal-dual": proximal steps on f and
+        on the dual variable in turn, on the device, for any lam. "newton": a few expensive primal-dual Newton steps
+        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual";
+        where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first
+        method would be slow (for a small lam) and pyamg is installed.
 
     Raises
     ------
     TypeError, ValueError
-        A tol that is not >= 0; an unknown method. At use: p < 1, or a lam that is 0 somewhere.
+        A tol that is not >= 0; an unknown method. At use: p < 1, or a lam that is 0 somewhere with "dual".
 
     Notes
     -----
     The gap is the energy of f minus the dual energy of a function y on the edges (kernels/README.md, ``duality_gap``).
     The dual energy is a lower bound on every energy, so that the gap bounds how far the energy of f is above the
-    minimum, for any f. As the energy is lam-strongly convex, |f - f*|^2 <= 2 gap / min lam. The gap includes a bound on
+    minimum, for any f. Where lam is 0 this needs bounds on a minimiser: the range of the data in the component of the
+    graph, or for a gamma that is not symmetric a wider range that follows from the energy. A component without data is
+    set to a constant, with a RuntimeWarning. If lam > 0 everywhere, the energy is lam-strongly convex and |f - f*|^2 <=
+    2 gap / min lam; where lam has zeros ``Result.error_bound_note`` says what is known. The gap includes a bound on
     its rounding error, p machine epsilons of the energy: a smaller `tol` ends with :attr:`gpureg.Stop.PRECISION`. At
     p = 2 "linear" computes the gap from a residual, with less rounding.
 
@@ -107,30 +116,44 @@ class Certified(Solver[_State]):
                 f"solver='certified' needs p >= 1, got {problem.p:g}: below 1 the energy is not convex and can have "
                 "many local minima. solver='jacobi' finds one, which depends on the start"
             )
-        if not np.min(problem.lam) > 0:
-            raise ValueError(
-                "solver='certified' needs lam > 0 at every vertex: without data at a vertex nothing bounds the error. "
-                "Use a small lam there, or solver='jacobi'"
-            )
+        if self.method == "dual" and not np.min(problem.lam) > 0:
+            raise ValueError("method='dual' needs lam > 0 at every vertex: use method='auto' or 'primal-dual'")
         if self.method == "linear" and problem.p != 2:
             raise ValueError(f"method='linear' is for p = 2, got p = {problem.p:g}")
 
+    def prepare(self, problem: DeviceProblem) -> DeviceProblem:
+        """Return the problem with a box where lam has zeros, and components without data set to a constant."""
+        return with_box(problem)
+
     def start(self, problem: DeviceProblem, initial: Array) -> _State:
-        """Start the method for this problem."""
-        method = self._first(problem.p)
-        return _State(method, method.start(problem, initial), 0)
+        """Start the method for this problem: where lam has zeros, from the solution for p = 2."""
+        method, before = self._first(problem.problem), problem.without_data
+        before += ". " if before else ""
+        initial, own = inside(problem, initial)
+        if problem.box is not None and problem.p != 2 and not own:
+            initial, said = _of_squares(problem, initial)
+            before += said
+        return _State(method, method.start(problem, initial), 0, before)
 
     def keeps(self, problem: Problem) -> tuple[int, int]:
-        """Return the memory that the first method needs."""
-        return self._first(problem.p).keeps(problem)
+        """Return the memory that the first method needs, and where lam has zeros f0 and the box."""
+        functions, edges = self._first(problem).keeps(problem)
+        if np.min(problem.lam, initial=np.inf) > 0:
+            return functions, edges
+        return max(functions, Linear().keeps(problem)[0]) + 4, edges
 
-    def _first(self, p: float) -> Solver:
-        return METHODS[self.method if self.method != "auto" else "linear" if p == 2 else "dual"]()
+    def _first(self, problem: Problem) -> Solver:
+        if self.method != "auto":
+            return METHODS[self.method]()
+        if problem.p == 2:
+            return Linear()
+        if np.min(problem.lam, initial=np.inf) > 0:
+            return Dual()
+        return PrimalDual() if problem.p < 2 else Newton()
 
     def resume(self, problem: DeviceProblem, state: _State) -> _State:
         """Continue from the last state of the method, if the method still supports the problem."""
-        suits = isinstance(state.method, Linear) == (problem.p == 2) or self.method != "auto"
-        if not suits or isinstance(state.method, Newton) != (self.method == "newton"):
+        if problem.box is not None or type(state.method) is not type(self._first(problem.problem)):
             return self.start(problem, state.f)
         return _State(state.method, state.method.resume(problem, state.inner), 0)
 
@@ -159,7 +182,7 @@ class Certified(Solver[_State]):
             within = course.tol is not None and course.tol > rounding
             if within and _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
-                before = f"{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
+                before = f"{state.before}{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
                 return _State(newton, newton.start(problem, inner.f), len(course.checks), before, bound), gap
         return state, gap
 
@@ -170,7 +193,7 @@ class Certified(Solver[_State]):
         """
         gaps = [gap for gap in course.gaps if gap is not None]
         if course.tol is not None and gaps[-1] <= course.tol * course.energies[-1]:
-            return Stop.GAP
+            return Stop.GAP_NO_DATA if problem.without_data else Stop.GAP
         # only the checks of this method
         gaps, checks = gaps[state.begun :], course.checks[state.begun :]
         if not gaps:
@@ -185,6 +208,13 @@ class Certified(Solver[_State]):
     def describe(self, state: _State) -> str:
         """Describe what the methods did."""
         return state.before + state.method.describe(state.inner)
+
+
+def _of_squares(problem: DeviceProblem, initial: Array) -> tuple[Array, str]:
+    """Return the solution of the same problem with p = 2, about, and what was done."""
+    squares = problem.changed(replace(problem.problem, p=2.0, eps=0.0))
+    found = run(squares, Linear(), initial, max_iter=_SQUARES, tol=1e-4, callback=None, report=lambda _: None)
+    return found.f, f"From the solution for p = 2 ({found.iterations} iterations): "
 
 
 def _remaining(course: Course, gap: float) -> float:

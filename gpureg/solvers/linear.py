@@ -115,6 +115,8 @@ class _System:
 
     def gap(self, problem: DeviceProblem, residual: Array) -> float:
         """Compute the gap from the residual, (n, m), in the units of the problem's energy."""
+        if np.min(problem.problem.lam) == 0:
+            return math.inf
         return self.share * problem.backend.dot(problem.weighted.graph, residual, residual, over=self.lam) / 2
 
 

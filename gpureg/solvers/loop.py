@@ -17,7 +17,8 @@ from ..exchange import as_came
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
-from ..model.rounding import rounding_of
+from ..model.rounding import Rounding
+from .error_bounds import error_bound
 
 if TYPE_CHECKING:
     # known to mypy without being installed; Python has TypeVar(default=...) from 3.13 on
@@ -127,6 +128,10 @@ class Solver(ABC, Generic[S]):
         """Return how many functions on the vertices and on the edges its state has, without data and two iterates."""
         return 0, 0
 
+    def prepare(self, problem: DeviceProblem) -> DeviceProblem:
+        """Return the problem that is solved: an equivalent one, with what the solver needs to know of it."""
+        return problem
+
     @abstractmethod
     def start(self, problem: DeviceProblem, initial: Array) -> S:
         """Return the state before the first iteration, with ``f`` equal to `initial`, (n, m)."""
@@ -154,6 +159,13 @@ class Solver(ABC, Generic[S]):
     def judge(self, problem: DeviceProblem, state: S, course: Course) -> Stop | None:
         """Return why to stop at this check, or None; by default stop if a change is at most tol times the spread."""
         return Stop.TOLERANCE if course.stands_still else None
+
+    def error_bound(self, problem: DeviceProblem, state: S, gap: float, energy: float) -> tuple[float | None, str]:
+        """Bound the Euclidean distance of f from the minimiser, in units of the frame; None if unknown; and say how.
+
+        `energy` is that of f, and `gap` a bound on its difference from the minimum.
+        """
+        return error_bound(problem, gap, energy)
 
     @abstractmethod
     def describe(self, state: S) -> str:
@@ -207,6 +219,7 @@ class Outcome(Generic[S]):
         Description of the iterations, as a sentence.
     state : S
         The solver's last state.
+    solver : Solver
     """
 
     problem: DeviceProblem
@@ -216,6 +229,7 @@ class Outcome(Generic[S]):
     course: Course
     method: str
     state: S
+    solver: Solver[S]
 
 
 def expect_finite(backend: Backend, done: int, *numbers: float) -> None:
@@ -250,7 +264,7 @@ def run(
     FloatingPointError
         Values that are no longer finite.
     """
-    backend = problem.backend
+    backend, problem = problem.backend, solver.prepare(problem)
     course = Course(tol, 0.0 if tol is None else problem.problem.spread)
     state, done = solver.start(problem, initial) if resume is None else solver.resume(problem, resume), 0
 
@@ -279,7 +293,7 @@ def run(
         if update_weights is not None:
             method += f", weights computed anew every {update_weights} iteration(s)"
         course.drop_unfinished()
-        return Outcome(problem, state.f, done, stop, course, method + ".", state)
+        return Outcome(problem, state.f, done, stop, course, method + ".", state, solver)
 
     def is_told_to_stop() -> bool:
         if callback is None:
@@ -295,7 +309,7 @@ def run(
         frame, gap = problem.problem.frame, course.gaps[-1]
         energy, change = frame.energy(course.energies[-1], problem.p), course.changes[-1] * frame.scale
         if gap is not None:
-            gap += rounding_of(problem.problem, course.energies[-1], backend.dtype)
+            gap += Rounding.of(problem, state.f)(course.energies[-1], gap)
             gap = frame.energy(gap, problem.p)
         check = Check(done, energy, change, gap, value)
         with calling_back():
@@ -310,7 +324,7 @@ def run(
         while done < max_iter:
             if update_weights is not None and done and done % update_weights == 0:
                 host = problem.get_function(solver.settle(problem, state).f)
-                anew = DeviceProblem.put(problem.problem, backend, host)
+                anew = solver.prepare(DeviceProblem.put(problem.problem, backend, host))
                 problem, state = anew, solver.start(anew, anew.put_function(host))
             check = min(solver.next_check(state, done), max_iter)
             until = check

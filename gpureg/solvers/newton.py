@@ -39,6 +39,8 @@ _DECREASE, _HALVINGS = 1e-4, 30
 _INNER, _FORCING = 1000, 0.03
 # If the problem has no smoothing: what that of the steps may add to the energy, as a share of the gap.
 _PART = 0.1
+# The smallest conductance, as a share of the largest one.
+_FLOOR = 1e-10
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ class _State:
     y: FloatArray
     eps: float  # of the next step
     cycle: multigrid.Preconditioner | None = None  # if it is the same for all steps
+    box: tuple[FloatArray, FloatArray] | None = None
     inner: int = 0
     halved: int = 0
 
@@ -121,7 +124,14 @@ class Newton(Solver[_State]):
         y = np.zeros((len(model.d.start), problem.channels))
         previous = backend.empty(graph, problem.channels)
         eps = problem.eps if problem.eps or problem.p >= 2 else 0.1 * problem.problem.spread
-        return _State(problem.put_function(host), previous, model, host, y, eps)
+        box = None
+        if problem.box is not None:
+            scale = 1.0 if problem.scale is None else problem.scale
+            low, high = (
+                backend.get(graph, end).astype(np.float64) / scale for end in (problem.box.low, problem.box.high)
+            )
+            box = low, high
+        return _State(problem.put_function(host), previous, model, host, y, eps, box=box)
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one Newton step, shortened until the energy falls enough."""
@@ -130,6 +140,8 @@ class Newton(Solver[_State]):
         df = D @ f
         q = np.maximum(grouped(df**2) + eps**2, np.finfo(np.float64).tiny)
         g = q ** ((p - 2) / 2)
+        # where df vanishes, so do the conductances of p > 2, and the matrix may be singular where lam is 0
+        held_up = np.maximum(g, _FLOOR * max(float(g.max(initial=0)), _FLOOR)) if p > 2 else g
         gradient = model.free * (model.lam * (f - model.f0) + model.d.adjoint @ (share * g * df))
         size = float(np.sqrt((gradient**2).sum()))
         if size == 0:
@@ -144,16 +156,17 @@ class Newton(Solver[_State]):
 
         def hessian(h: FloatArray) -> FloatArray:
             dh = D @ (model.free * h)
-            flux: FloatArray = share * g * dh - bent / 2 * (held * grouped(df * dh) + df * grouped(held * dh))
+            flux: FloatArray = share * held_up * dh - bent / 2 * (held * grouped(df * dh) + df * grouped(held * dh))
             # the identity at pinned vertices
             product: FloatArray = model.lam * h + model.free * (model.d.adjoint @ flux) + (1 - model.free) * h
             return product
 
-        cycle = state.cycle or self._preconditioner(model, share * g)
+        cycle = state.cycle or self._preconditioner(model, share * held_up)
         h, steps, _ = multigrid.conjugate_gradients(
             hessian, -gradient, cycle, rtol=1e-3 if p == 2 else _FORCING, most=_INNER
         )
-        h = model.free * h
+        # the squares of a gradient can underflow where the minimum is 0
+        h = model.free * h if np.isfinite(h).all() else np.zeros_like(h)
         energy, slope = model.energy(f, eps), float((gradient * h).sum())
         theta, halved = 1.0, 0
         while not model.energy(f + theta * h, eps) <= energy + _DECREASE * theta * slope and halved < _HALVINGS:
@@ -165,6 +178,8 @@ class Newton(Solver[_State]):
         turned = q ** (-p / 2) * y if p < 2 else share / q * df
         y = g * (share * (df + dh) - (2 - p) * turned * grouped(df * dh))
         host = f + theta * h
+        if state.box is not None:
+            host = np.clip(host, *state.box)
         return replace(
             state,
             f=problem.put_function(host),

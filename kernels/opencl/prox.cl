@@ -61,23 +61,24 @@ static inline bool any_lane(const laneN condition)
 }
 
 /* For r >= 0 and sigma > 0, or sigma = 0 and p > 1. */
-static inline realN length_of(const realN r, const real sigma, const real p, const real eps)
+static inline realN length_of(const realN r, const realN sigma, const real p, const real eps)
 {
     const real eps2 = eps * eps, narrow = eps > 0 ? pow(eps, 2 - p) : (real)(p < 2 ? 0 : HUGE);
     const realN whole = r / SHARE;
+    const laneN positive = sigma > 0;
     realN t;
     if (p < 2) {
         /* one of the two terms is at least r / 2, and phi'(t) <= min(t eps^(p - 2), t^(p - 1)) */
-        const realN least = sigma > 0 ? whole / 2 : whole;
+        const realN least = positive ? whole / 2 : whole;
         t = least * narrow;
         if (p > 1) t = fmax(t, raise(least, 1 / (p - 1)));
-        if (sigma > 0) t = fmin(t, r / (2 * sigma));
+        t = positive ? fmin(t, r / (2 * sigma)) : t;
         if (p == 1) t = fmax(t, (r - SHARE) / sigma);
     } else {
         /* no term is larger than r, and phi'(t) >= max(t eps^(p - 2), t^(p - 1)) */
         t = raise(whole, 1 / (p - 1));
         if (eps > 0) t = fmin(t, whole * narrow);
-        if (sigma > 0) t = fmin(t, r / sigma);
+        t = positive ? fmin(t, r / sigma) : t;
     }
     const laneN some = r > 0;
     t = some ? clamp(t, (realN)(TINY), (realN)(HUGE)) : (realN)(0);
@@ -103,12 +104,12 @@ static inline realN length_of(const realN r, const real sigma, const real p, con
 /* The factor s/r of z in a proximal step, given |z|^2; 1 at z = 0. The certificate needs the result for p = 1 inside
  * the ball, in spite of the roundings of a norm. */
 #define BALL (SHARE * (1 - 32 * ROUNDING))
-static inline realN prox_factor(const realN square, const real sigma, const real p, const real eps)
+static inline realN prox_factor(const realN square, const realN sigma, const real p, const real eps)
 {
 #if PROX == 1
     return square > BALL * BALL ? BALL / sqrt(square) : (realN)(1);
 #elif PROX == 2
-    return (realN)(SHARE / (sigma + SHARE));
+    return SHARE / (sigma + SHARE);
 #else
     const realN r = sqrt(fmin(square, (realN)(HUGE)));
     /* use the side of the equation that loses no digits */
@@ -131,7 +132,7 @@ static inline realN conjugate(const realN square, const real p, const real eps)
 #else
 #if PROX != 3
     if (p == 1) return -SHARE * eps * sqrt(fmax(1 - square / (SHARE * SHARE), (realN)(0)));
-    const realN s = sqrt(square), t = length_of(s, 0, p, eps);
+    const realN s = sqrt(square), t = length_of(s, (realN)(0), p, eps);
 #else
     const realN s = sqrt(square), t = raise(square / (SHARE * SHARE), 1 / (2 * (p - 1)));
 #endif

@@ -10,10 +10,12 @@ import numpy as np
 from primitives import Call
 from problems import Problem, oracle, rounded
 
+from gpureg.backends import Box
+
 if TYPE_CHECKING:
     from checking import On
 
-BETA, SIGMA = 0.375, 0.75
+BETA, SIGMA, TAU = 0.375, 0.75, 0.3125
 
 
 def over(one: Problem) -> Iterator[tuple[str, Any]]:
@@ -75,6 +77,43 @@ def dual_step(one: Problem) -> Iterator[Call]:
             return one.host(one.dual.dual_step(one.y, one.y_before, one.f, one.f_before, BETA, SIGMA, p))
 
         yield Call(f"p = {p}, eps = {eps}", args, bound, place="previous", also=inside if p == 1 else None)
+    # steps of their own at the vertices, and a momentum of f alone
+    for p, eps in one.kind.classes[:1]:
+        sigma = rounded(0.25 + one.f[:, :1] ** 2)
+        args = {
+            "y": one.y, "previous": one.y_before, "f": one.f, "f_previous": one.f_before,
+            "model": one.smoothness(p, eps), "beta": (BETA, 0.0), "sigma": sigma,
+        }  # fmt: skip
+
+        def of_vertices(exact, p=p, sigma=sigma):
+            own = sigma[one.rows]
+            if one.edge_norm:
+                own = np.minimum(own, sigma[one.columns])
+            y = one.y, one.y_before
+            return one.host(one.dual.dual_step(*y, one.f, one.f_before, BETA, own, p, beta_y=0.0))
+
+        what = f"p = {p}, eps = {eps}, sigma of each vertex"
+        yield Call(what, args, of_vertices, place="previous", also=inside if p == 1 else None)
+
+
+def around(one: Problem) -> Box:
+    """A box that holds f, at its ends at some vertices; no box at others."""
+    wide = rounded(0.25 * np.abs(one.f_before))
+    low = np.where(one.f > 0.25, one.f, one.f - wide)
+    return Box(rounded(low), rounded(np.where(one.f < 0.5, one.f + wide, one.f)))
+
+
+def proximal(one: Problem) -> Iterator[Call]:
+    tau = rounded(0.25 + one.f[:, :1] ** 2)
+    for word, lam, step, box in (("0.75", 0.75, TAU, None), ("an array, in a box", one.lam, tau, around(one))):
+        for place in (None, "f"):
+
+            def bound(exact, lam=lam, step=step):
+                column = np.broadcast_to(lam, (len(one.f), 1))
+                return one.dual.proximal(one.f, one.y, one.opposite, one.f0, column, step)
+
+            args = {"f": one.f, "y": one.y, "f0": one.f0, "lam": lam, "tau": step, "box": box}
+            yield Call(f"lam {word}, into {place or 'another'}", args, bound, place=place)
 
 
 def primal(one: Problem) -> Iterator[Call]:
@@ -98,3 +137,11 @@ def duality_gap(one: Problem) -> Iterator[Call]:
 
             args = {"f": one.f, "y": y, "f0": one.f0, "lam": lam, "model": one.smoothness(p, eps)}
             yield Call(f"p = {p}, eps = {eps}, lam {word}", args, bound)
+    p, eps = one.kind.classes[0]
+    y, box = one.inside(one.y) if p == 1 else one.y, around(one)
+
+    def in_box(exact):
+        return one.dual.duality_gap(one.f, y, one.opposite, one.f0, one.lam, p, eps, box=(box.low, box.high))
+
+    args = {"f": one.f, "y": y, "f0": one.f0, "lam": one.lam, "model": one.smoothness(p, eps), "box": box}
+    yield Call(f"p = {p}, eps = {eps}, in a box", args, in_box)

@@ -28,7 +28,7 @@ from primitives import (
 from problems import oracle
 
 from gpureg import backends
-from gpureg.backends import BackendUnavailable
+from gpureg.backends import BackendUnavailable, Box
 
 if TYPE_CHECKING:
     import pytest
@@ -81,6 +81,8 @@ class On:
         """An argument on the device, put there once."""
         if kind == SCRATCH:
             return None if value is None else nan(self.backend, self.graph, value)
+        if isinstance(value, Box):
+            return Box(self.put(FUNCTION, value.low), self.put(FUNCTION, value.high))
         if kind in (HOST, GUIDE, LENGTHS, LABELS, SETTING) or not isinstance(value, np.ndarray):
             return value
         key = id(value), kind

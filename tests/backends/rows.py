@@ -62,13 +62,22 @@ for row in (
     Primitive(
         "dual_step",
         {
-            "y": EDGES, "previous": EDGES, **F, "f_previous": FUNCTION, **MODEL, "beta": SETTING, "sigma": SETTING,
+            "y": EDGES, "previous": EDGES, **F, "f_previous": FUNCTION, **MODEL, "beta": SETTING, "sigma": COLUMN,
         },
         EDGES,
         calls_dual.dual_step,
     ),
+    Primitive(
+        "proximal", {**F, "y": EDGES, **F0, **LAM, "tau": COLUMN, "box": SETTING}, FUNCTION, calls_dual.proximal
+    ),
     Primitive("primal", {"y": EDGES, **F0, **LAM}, FUNCTION, calls_dual.primal),
-    Primitive("duality_gap", {**F, "y": EDGES, **F0, **LAM, **MODEL}, NUMBER, calls_dual.duality_gap, out=False),
+    Primitive(
+        "duality_gap",
+        {**F, "y": EDGES, **F0, **LAM, **MODEL, "box": SETTING},
+        NUMBER,
+        calls_dual.duality_gap,
+        out=False,
+    ),
     Primitive(
         "patch_distance", {"f": HOST, "form": SETTING}, WEIGHTS, calls_patches.patch_distance, weights=False, out=False
     ),

@@ -70,6 +70,7 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "patch_distance",
         "patch_groups",
         "primal",
+        "proximal",
         "similarity_step",
     ]
     # `cells` are two methods: in and out

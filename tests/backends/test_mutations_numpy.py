@@ -55,7 +55,7 @@ MUTATIONS = [
     (Mutation("combine", "_combine", "+ self._term(b", "- self._term(b"), dual("test_combine", "number", None)),
     (Mutation("gradient", "_gradient", "pull - self", "pull + self"), dual("test_gradient", False, 1.5, 0.125)),
     (
-        Mutation("prox", "duality:step_length", "r.dtype.type(sigma) * t", "t"),
+        Mutation("prox", "duality:step_length", "r - sigma * t", "r - t"),
         dual("test_dual_step", False, 1.5),
     ),
     (
@@ -63,7 +63,7 @@ MUTATIONS = [
         dual("test_dual_step", False, 1.5),
     ),
     (
-        Mutation("dual_step", "dual_step", "self.real(sigma) * self", "self"),
+        Mutation("dual_step", "dual_step", "of_edges * self", "self"),
         dual("test_dual_step", False, 1.5),
     ),
     (

@@ -100,7 +100,7 @@ FAMILIES = [
         ("gradient_norm", "p_laplacian", "jacobi_step", "euler_step", "energy"),
     ),
     ([Kind(s, t, directed) for s, t in EDGE_FORMS for directed in BOTH], ("difference", "adjoint")),
-    (DUAL, ("dot", "combine", "gradient", "dual_step", "primal", "duality_gap")),
+    (DUAL, ("dot", "combine", "gradient", "dual_step", "proximal", "primal", "duality_gap")),
     (AVERAGED, ("aggregate", "largest_weight")),
     (STORED, ("largest_weight",)),
     (WEIGHTS, ("patch_distance",)),

@@ -17,7 +17,7 @@ LARGE = [cases.Setup("grid"), cases.Setup("csr"), cases.Setup("long row"), cases
 
 PLAIN = ("degree", "largest_weight", "gradient_norm", "p_laplacian", "jacobi_step", "energy", "max_change", "sweep")
 EDGES = ("gradient_norm", "p_laplacian", "jacobi_step", "euler_step", "energy", "difference", "adjoint")
-DUAL = ("dot", "combine", "gradient", "dual_step", "primal", "duality_gap")
+DUAL = ("dot", "combine", "gradient", "dual_step", "proximal", "primal", "duality_gap")
 PATCHES = [
     PatchKind(PatchCase("small grid", radius=2, scale=0.5, shift=0.125, spatial=True)),
     PatchKind(PatchCase("small masked", channels=3, radius=1, gaussian=True, scale=0.5, maps=True)),

@@ -151,8 +151,8 @@ def test_wrong_paths() -> None:
         gr.regularization_path(f0, GRID, lam=["1"])
     with pytest.raises(TypeError, match="progress must be True or False, got 1"):
         gr.regularization_path(f0, GRID, lam=[1.0], progress=1)
-    with pytest.raises(ValueError, match="needs lam > 0"):
-        gr.regularization_path(f0, GRID, lam=[1.0, 0.0], solver="certified", **ORACLE)
+    with pytest.raises(ValueError, match="needs p >= 1"):
+        gr.regularization_path(f0, GRID, p=[1.0, 0.9], solver="certified", **ORACLE)
     with pytest.raises(ValueError, match="max_iter must be >= 0"):
         gr.regularization_path(f0, GRID, lam=[1.0], max_iter=-1)
     with pytest.raises(ValueError, match="tol must be finite and >= 0"):

@@ -268,8 +268,11 @@ def test_integers(kind: type, p: float, lam: float) -> None:
     ("settings", "words"),
     [
         ({"p": 0.7}, "needs p >= 1, got 0.7.*jacobi"),
-        ({"lam": 0.0}, "needs lam > 0 at every vertex"),
-        ({"lam": np.where(np.arange(480) == 7, 0.0, 1.0)}, "needs lam > 0 at every vertex"),
+        ({"lam": 0.0, "solver": gr.Certified(method="dual")}, "needs lam > 0 at every vertex"),
+        (
+            {"lam": np.where(np.arange(480) == 7, 0.0, 1.0), "solver": gr.Certified(method="dual")},
+            "needs lam > 0 at every vertex",
+        ),
         ({"tol": -1e-3}, "tol must be finite and >= 0"),
         ({"tol": np.inf}, "tol must be finite and >= 0"),
         ({"p": 1.5, "solver": gr.Certified(method="linear")}, "method='linear' is for p = 2, got p = 1.5"),
@@ -295,7 +298,9 @@ def test_wrong_types(tol) -> None:
 
 @pytest.mark.parametrize("method", ["jacobi", "", 3])
 def test_wrong_methods(method) -> None:
-    with pytest.raises(ValueError, match='Certified: method must be "auto", "dual", "linear" or "newton"'):
+    with pytest.raises(
+        ValueError, match='Certified: method must be "auto", "dual", "primal-dual", "linear" or "newton"'
+    ):
         gr.Certified(method=method)
 
 

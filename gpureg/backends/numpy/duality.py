@@ -6,16 +6,16 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph, GridGraph
-from ..duality import BALL_ROUNDINGS
+from ..duality import BALL_ROUNDINGS, momenta
 from ..sums import Ratio
-from ..types import Array, Conductance, Smoothness, Weighted
+from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .edges import NumpyGraph, raised
 
 # The maximum number of Newton steps; they stop once nothing moves.
 _STEPS = 60
 
 
-def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
+def length(r: FloatArray, sigma: float | FloatArray, share: float, p: float, eps: float) -> FloatArray:
     """Solve sigma t + share phi'(t) = r for t >= 0; r >= 0, and sigma > 0 or p > 1 or eps > 0.
 
     Newton's method converges from one side: phi' is concave for p < 2, so it starts below the solution, and convex for
@@ -26,7 +26,8 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
     if p == 1 and eps == 0:
         excess: FloatArray = np.maximum(r - share, 0) / sigma
         return excess
-    if p == 1 and sigma == 0:
+    positive = bool(np.all(np.asarray(sigma) > 0))
+    if p == 1 and not positive:
         s = np.minimum(r / share, 1)
         below = np.sqrt(np.maximum(1 - s**2, np.finfo(r.dtype).tiny))
         tangent: FloatArray = r.dtype.type(eps) * s / below
@@ -35,11 +36,11 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
     with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
         if p < 2:
             # one of the two terms is at least r / 2, and phi'(t) <= min(t eps^(p - 2), t^(p - 1))
-            least = whole / 2 if sigma > 0 else whole
+            least = whole / 2 if positive else whole
             t: FloatArray = least * r.dtype.type(eps) ** (2 - p)
             if p > 1:
                 t = np.maximum(t, least ** (1 / (p - 1)))
-            if sigma > 0:
+            if positive:
                 t = np.minimum(t, r / (2 * sigma))
             if p == 1:
                 t = np.maximum(t, (r - share) / sigma)
@@ -48,7 +49,7 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
             t = whole ** (1 / (p - 1))
             if eps > 0:
                 t = np.minimum(t, whole * r.dtype.type(eps) ** (2 - p))
-            if sigma > 0:
+            if positive:
                 t = np.minimum(t, r / sigma)
         t = np.where(r > 0, np.maximum(t, np.finfo(r.dtype).tiny), 0)
         for _ in range(_STEPS):
@@ -66,7 +67,7 @@ def length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> F
     return found
 
 
-def step_length(r: FloatArray, sigma: float, share: float, p: float, eps: float) -> FloatArray:
+def step_length(r: FloatArray, sigma: float | FloatArray, share: float, p: float, eps: float) -> FloatArray:
     """Compute s = share phi'(t) = r - sigma t for t of :func:`length`, in the form that loses no digits."""
     if p == 1 and eps == 0:
         least: FloatArray = np.minimum(r, share)
@@ -75,7 +76,7 @@ def step_length(r: FloatArray, sigma: float, share: float, p: float, eps: float)
     square = np.minimum(t**2 + r.dtype.type(eps) ** 2, np.finfo(r.dtype).max)
     far = (2 * sigma * t > r) & (square > 0)
     slope = share * t * raised(np.where(far, square, 1), (p - 2) / 2)
-    found: FloatArray = np.where(far, slope, r - r.dtype.type(sigma) * t)
+    found: FloatArray = np.where(far, slope, r - sigma * t)
     return found
 
 
@@ -154,23 +155,64 @@ class NumpyDuality(NumpyGraph):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
-        sigma: float,
+        beta: float | tuple[float, float],
+        sigma: float | Array,
     ) -> Array:
-        graph, beta = weighted.graph, self.real(beta)
+        graph = weighted.graph
         p, eps, edge_norm = model.p, model.eps, model.edge
-        moved = f + beta * (f - f_previous)
-        z = y + beta * (y - previous) + self.real(sigma) * self.difference(weighted, moved)
+        ahead, back = (self.real(x) for x in momenta(beta))
+        moved = f + ahead * (f - f_previous)
+        length, of_edges = self._steps(graph, sigma, edge_norm)
+        z = y + back * (y - previous) + of_edges * self.difference(weighted, moved)
         square = (z**2).sum(axis=-1, keepdims=True) if model.coupled else z**2
         r = np.sqrt(square if edge_norm else self._around(graph, square))
         share = 0.5 if edge_norm else 1.0
-        s = step_length(r, sigma, share, p, eps)
+        s = step_length(r, length, share, p, eps)
         if p == 1:
             # the certificate needs y inside the unit ball, in spite of the roundings of a norm
             s = np.minimum(s, share * (1 - BALL_ROUNDINGS * np.finfo(self.dtype).eps))
         factor = np.where(r > 0, s / np.where(r > 0, r, 1), 0).astype(self.dtype)
         previous[...] = z * (factor if edge_norm else self._at_edges(graph, factor))
         return previous
+
+    def _steps(self, graph: AnyGraph, sigma: float | Array, edge_norm: bool) -> tuple[FloatArray, FloatArray]:
+        """Return a step length for each norm, and for each directed edge, or one number for all."""
+        if isinstance(sigma, float | int):
+            return self.real(sigma), self.real(sigma)
+        own = self._at_edges(graph, sigma)
+        if not edge_norm:
+            return sigma, own
+        if isinstance(graph, GridGraph):
+            planes = np.broadcast_to(own, (len(graph.offsets), *graph.shape, 1)).copy()
+            for plane, step in enumerate(graph.offsets):
+                start, end = graph.ends(step)
+                planes[plane][start] = np.minimum(own[start], own[end])
+            return planes, planes
+        smaller = np.minimum(own, sigma[graph.indices])
+        return smaller, smaller
+
+    def _proximal(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        tau: float | Array,
+        box: Box | None,
+        out: Array,
+    ) -> None:
+        lam = self._column(lam, len(f))
+        pinned = np.isinf(lam)
+        tau = self._column(tau, len(f))
+        pull = tau * np.where(pinned, 0, lam)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            share = np.where(pull > 1, 1 / (1 + 1 / pull), pull / (1 + pull))
+        moved = f - tau * self.adjoint(weighted, y)
+        moved += share * (f0 - moved)
+        if box is not None:
+            moved = np.clip(moved, box.low, box.high)
+        out[...] = np.where(pinned, f0, moved)
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         out[...] = f0 - self.adjoint(weighted, y) / self._column(lam, len(f0))

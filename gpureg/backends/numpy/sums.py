@@ -9,9 +9,26 @@ import numpy as np
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph
 from ..sums import Number, Numbers
-from ..types import Array, Smoothness, Weighted
+from ..types import Array, Box, Smoothness, Weighted
 from .duality import NumpyDuality, conjugate
 from .edges import raised
+
+
+def in_box(f: FloatArray, outflow: FloatArray, f0: FloatArray, lam: FloatArray, box: Box) -> FloatArray:
+    """Compute the last term of the duality gap with a box, (n, m) in float64, for s = d*y (`outflow`)."""
+    s, data, here = (x.astype(np.float64) for x in (outflow, f0, f))
+    low, high = (np.asarray(end, np.float64) for end in (box.low, box.high))
+    known = (lam > 0) & np.isfinite(lam)
+    pull = np.where(known, lam, 1).astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = data - s / pull
+        nearest = np.clip(free, low, high)
+        inside = (pull * (here - data) + s) ** 2 / (2 * pull)
+        apart = here - nearest
+        at_end = apart * (pull / 2 * apart + s + pull * (nearest - data))
+        nothing = np.where(s > 0, s * (here - low), 0) + np.where(s < 0, s * (here - high), 0)
+    found: FloatArray = np.where(known, np.where(free == nearest, inside, at_end), np.where(lam == 0, nothing, 0))
+    return found
 
 
 class NumpySums(NumpyDuality):
@@ -47,7 +64,16 @@ class NumpySums(NumpyDuality):
         out.numbers.values[out.at] = smoothness + fidelity
 
     def duality_gap_into(
-        self, out: Number, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
+        self,
+        out: Number,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        model: Smoothness,
+        *,
+        box: Box | None = None,
     ) -> None:
         p, eps, coupled, edge_norm = model.p, model.eps, model.coupled, model.edge
         graph, share = weighted.graph, 0.5 if edge_norm else 1.0
@@ -63,7 +89,11 @@ class NumpySums(NumpyDuality):
         primal = share * raised(norms(d) + self.real(eps) ** 2, p / 2) / p
         duality = primal + conjugate(np.sqrt(norms(y)), share, p, eps) - products
         lam = self._column(lam, len(f))
-        pinned = np.isinf(lam)
-        residual = np.where(pinned, 0, lam) * (f - f0) + self.adjoint(weighted, y)
-        unmet = np.where(pinned, 0, residual.astype(np.float64) ** 2 / (2 * np.where(pinned, 1, lam)))
+        outflow = self.adjoint(weighted, y)
+        if box is None:
+            pinned = np.isinf(lam)
+            residual = np.where(pinned, 0, lam) * (f - f0) + outflow
+            unmet = np.where(pinned, 0, residual.astype(np.float64) ** 2 / (2 * np.where(pinned, 1, lam)))
+        else:
+            unmet = in_box(f, outflow, f0, lam, box)
         out.numbers.values[out.at] = duality.astype(np.float64).sum() + unmet.sum()

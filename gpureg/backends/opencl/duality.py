@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ...graphs.grid import AnyGraph
-from ..duality import ProxCase, prox_case
+from ..duality import ProxCase, momenta, prox_case
 from ..sums import Ratio, ratios
-from ..types import Array, Conductance, Smoothness, Weighted
+from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .buffers import Function
 from .launching import OpenCLLaunches
 
@@ -71,16 +71,40 @@ class OpenCLDuality(OpenCLLaunches):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
-        sigma: float,
+        beta: float | tuple[float, float],
+        sigma: float | Array,
     ) -> Array:
         each = model.edge or prox_case(model.p, model.eps) == "square"  # no norm over the edges of a vertex
-        numbers = [self.real(x) for x in (sigma, model.p, model.eps)]
-        args = [y.buffer, f.buffer, f_previous.buffer, self._real(beta), *numbers, previous.buffer]
-        self._run(
-            "dual_step", weighted, args, norm_options(f.channels, model), sums=0 if each else f.channels, for_edges=True
-        )
+        betas = [self._real(x) for x in momenta(beta)]
+        sigmas, sigma_options = self._number(sigma, "-DSIGMA_ARRAY")
+        numbers = [*betas, *sigmas, self.real(model.p), self.real(model.eps)]
+        args = [y.buffer, f.buffer, f_previous.buffer, *numbers, previous.buffer]
+        options = (*norm_options(f.channels, model), *sigma_options)
+        self._run("dual_step", weighted, args, options, sums=0 if each else f.channels, for_edges=True)
         return previous
+
+    def _box(self, box: Box | None) -> tuple[list[Any], tuple[str, ...]]:
+        """Return the kernel arguments for a box, or for none, and the build options."""
+        if box is None:
+            return [self._nothing, self._nothing], ()
+        return [box.low.buffer, box.high.buffer], ("-DBOX",)
+
+    def _proximal(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        tau: float | Array,
+        box: Box | None,
+        out: Array,
+    ) -> None:
+        (lams, lam_options), (taus, tau_options) = self._lam(lam), self._number(tau, "-DTAU_ARRAY")
+        ends, box_options = self._box(box)
+        args = [f.buffer, y.buffer, f0.buffer, *lams, *taus, *ends, out.buffer]
+        options = (f"-DM={f.channels}", *lam_options, *tau_options, *box_options)
+        self._run("proximal", weighted, args, options, sums=f.channels)
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         lams, options = self._lam(lam)

@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph
 from ..sums import Number, Numbers
-from ..types import Array, Smoothness, Weighted
+from ..types import Array, Box, Smoothness, Weighted
 from .buffers import Function
 from .duality import OpenCLDuality, norm_options
 from .geometry import round_up
@@ -60,11 +60,21 @@ class OpenCLSums(OpenCLDuality):
             self._sum("energy", weighted, args, options, out)
 
     def duality_gap_into(
-        self, out: Number, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
+        self,
+        out: Number,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        model: Smoothness,
+        *,
+        box: Box | None = None,
     ) -> None:
-        lams, lam_options = self._lam(lam)
-        args = [f.buffer, y.buffer, f0.buffer, *lams, self.real(model.p), self.real(model.eps)]
-        self._sum("duality_gap", weighted, args, (*norm_options(f.channels, model), *lam_options), out)
+        (lams, lam_options), (ends, box_options) = self._lam(lam), self._box(box)
+        args = [f.buffer, y.buffer, f0.buffer, *lams, *ends, self.real(model.p), self.real(model.eps)]
+        options = (*norm_options(f.channels, model), *lam_options, *box_options)
+        self._sum("duality_gap", weighted, args, options, out)
 
     @property
     def _halves(self) -> int:

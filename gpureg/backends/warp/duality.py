@@ -7,10 +7,10 @@ import math
 import warp as wp
 
 from ...graphs.grid import AnyGraph
-from ...kernels.warp import combine, dual_step, gradient, primal
-from ..duality import prox_case
+from ...kernels.warp import combine, dual_step, gradient, primal, proximal
+from ..duality import momenta, prox_case
 from ..sums import Ratio, ratios
-from ..types import Array, Conductance, Smoothness, Weighted
+from ..types import Array, Box, Conductance, Smoothness, Weighted
 from .launching import WarpLaunches
 from .layout import channels_of
 
@@ -57,14 +57,31 @@ class WarpDuality(WarpLaunches):
         f_previous: Array,
         model: Smoothness,
         *,
-        beta: float,
-        sigma: float,
+        beta: float | tuple[float, float],
+        sigma: float | Array,
     ) -> Array:
         M = channels_of(f)
-        options = (M, model.norms(M), prox_case(model.p, model.eps), model.edge)
-        inputs = [y, f, f_previous, beta, sigma, model.p, model.eps]
+        options = (M, model.norms(M), prox_case(model.p, model.eps), model.edge, isinstance(sigma, wp.array))
+        inputs = [y, f, f_previous, *momenta(beta), sigma, model.p, model.eps]
         self._run(dual_step.make, weighted, options, inputs, previous)
         return previous
+
+    def _proximal(
+        self,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        tau: float | Array,
+        box: Box | None,
+        out: Array,
+    ) -> None:
+        bound = weighted.topology
+        arrays = (isinstance(lam, wp.array), isinstance(tau, wp.array), box is not None)
+        low, high = (None, None) if box is None else (box.low, box.high)
+        inputs = [self._mirrored(weighted), f, y, f0, lam, tau, low, high]
+        self._launch_vertices(bound.layout, proximal.make, (bound.access, channels_of(f0), *arrays), inputs, out)
 
     def _primal(self, weighted: Weighted, y: Array, f0: Array, lam: float | Array, out: Array) -> None:
         bound = weighted.topology

@@ -14,7 +14,7 @@ from ...graphs.grid import AnyGraph
 from ...kernels.warp import dot, duality_gap, energy, max_change, total
 from ..duality import prox_case
 from ..sums import Number, Numbers
-from ..types import Array, Smoothness, Weighted
+from ..types import Array, Box, Smoothness, Weighted
 from . import memory
 from .duality import WarpDuality, over_channels
 from .layout import channels_of
@@ -52,12 +52,23 @@ class WarpSums(WarpDuality):
         self._sum(energy.make, bound.layout.shape, options, inputs, out, bound.layout.work)
 
     def duality_gap_into(
-        self, out: Number, weighted: Weighted, f: Array, y: Array, f0: Array, lam: float | Array, model: Smoothness
+        self,
+        out: Number,
+        weighted: Weighted,
+        f: Array,
+        y: Array,
+        f0: Array,
+        lam: float | Array,
+        model: Smoothness,
+        *,
+        box: Box | None = None,
     ) -> None:
         M, layout = channels_of(f), weighted.topology.layout
         case = prox_case(model.p, model.eps)
-        options = (weighted.topology.access, M, model.norms(M), case, model.edge, isinstance(lam, wp.array))
-        inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, model.p, model.eps]
+        arrays = (isinstance(lam, wp.array), box is not None)
+        options = (weighted.topology.access, M, model.norms(M), case, model.edge, *arrays)
+        low, high = (None, None) if box is None else (box.low, box.high)
+        inputs: list[Any] = [self._mirrored(weighted), f, y, f0, lam, low, high, model.p, model.eps]
         self._sum(duality_gap.make, layout.shape, options, inputs, out, layout.work)
 
     def _segments(self, shape: tuple[int, int]) -> tuple[int, list[int]]:
