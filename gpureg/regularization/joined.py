@@ -53,14 +53,18 @@ class Joined:
         gamma: str | npt.ArrayLike = "sqrt",
         backend: Chosen = "auto",
         dtype: npt.DTypeLike | None = None,
+        wanted: npt.NDArray[np.bool_] | None = None,
     ) -> Joined:
-        """Compute the weights and find the components; weight functions compare f0, (n, m)."""
+        """Compute the weights and find the components; weight functions compare f0, (n, m).
+
+        With `wanted`, (n,), only edges with at least one end wanted are there.
+        """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         kind = computed_type(dtype)
         problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind, framed=True)
-        edges = undirected_edges(DeviceProblem.put(problem, backends.get(backend, kind)))
+        edges = undirected_edges(DeviceProblem.put(problem, backends.get(backend, kind)), wanted)
         joined = (edges.there > 0) & (edges.back > 0)
         n, ends = graph.n_vertices, (edges.u[joined], edges.v[joined])
         pattern = coo_array((np.ones(int(joined.sum()), np.int8), ends), shape=(n, n))
