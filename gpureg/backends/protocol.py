@@ -13,8 +13,9 @@ from ..arrays import FloatArray
 from ..graphs.grid import AnyGraph, GridGraph
 from .cells import CellPrimitives
 from .cosines import CosineSolves
-from .duality import Duality
+from .curvature import Curvature
 from .groups import GroupPrimitives
+from .multilevel import Multilevel
 from .patches import (
     PatchForm,
 )
@@ -23,7 +24,7 @@ from .types import Array, Conductance, Smoothness, Storage, Weighted, expect_sto
 from .zones import Zones
 
 
-class Backend(CosineSolves, Duality, Scalars, CellPrimitives, GroupPrimitives, Zones):
+class Backend(CosineSolves, Curvature, Multilevel, Scalars, CellPrimitives, GroupPrimitives, Zones):
     """One device that computes in one floating-point type.
 
     Parameters

@@ -85,6 +85,17 @@ class Graph:
         return f"Graph({self.n_vertices} vertices, {self.n_edges // 2} undirected edges, {weighted})"
 
     @classmethod
+    def trusted(cls, indptr: IntArray, indices: IntArray, weights: FloatArray) -> Self:
+        """Make a graph of arrays that were computed here and need no checks; they become read-only."""
+        made = object.__new__(cls)
+        values = {"indptr": indptr.astype(np.int64, copy=False), "indices": indices, "weights": weights}
+        for name, value in values.items():
+            object.__setattr__(made, name, frozen(value))
+        for name in ("positions", "grid"):
+            object.__setattr__(made, name, None)
+        return made
+
+    @classmethod
     @door(name="Graph.from_edges")
     def from_edges(
         cls,

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 import rows as _rows  # noqa: F401, fills ROWS
 from checking import as_gpu, check
+from guards import guarded
 from numpy.testing import assert_array_equal
 from primitives import ROWS
 from problems import HOT, Kind
+from second_order import Setting, compare
+from test_multilevel import hold
 
 from gpureg.graphs.csr import Graph
 
@@ -76,6 +79,24 @@ def test_primitive(gpu, name, team, piece, kind):
     name = {"largest_weight": "degree", "energy": "gradient_norm"}.get(name, name)
     collects = split if name != "difference" else split[:1]  # nothing to add up
     assert built(backend, name) >= set(collects if 0 < piece < 1000 else [form])
+
+
+@pytest.mark.parametrize("edge_norm", [False, True])
+def test_newton(gpu, edge_norm):
+    backend = gpu("float32", 8, 8)
+    compare(backend, Setting(Kind(cases.Setup("csr", 3), edge_norm=edge_norm).make(), 1.5, 0.125, True))
+    split = ("-DTEAM=8", "-DSPLIT"), ("-DTEAM=32", "-DHUBS")
+    assert built(backend, "hessian") >= set(split)
+    assert built(backend, "shorten") >= set(split[:1] if edge_norm else split)
+
+
+@pytest.mark.parametrize(("team", "piece"), [(0, 0), (8, 8)])
+def test_multigrid(gpu, team, piece):
+    """The parts of a level: the two fused kernels are for rows of one work item."""
+    backend = gpu("float32", team, piece)
+    hold(guarded(backend), Kind(cases.Setup("csr" if team else "csr of grid", 3)))
+    assert not built(backend, "descend")
+    assert (("-DTEAM=8", "-DSPLIT") if team else ("-DSLICED",)) in built(backend, "relax")
 
 
 def spread(n: int, degrees: Any) -> Graph:

@@ -10,6 +10,7 @@ from gpureg import backends, kernels
 
 # Not primitives: number types, how to reach a vertex's neighbours, blocks of cells.
 PARTS = {"reals", "csr", "grid", "gamma", "conductance", "squared_gradient", "strip", "prox", "triangles", "padded"}
+PARTS |= {"curvature"}
 PARTS |= {"total", "scalars"}  # the second stage of a long sum, computations with its results
 # Parts of one language alone; kernels/README.md says why.
 OPENCL_PARTS, WARP_PARTS = {"csr_gpu", "lattice", "group_tile", "sums", "reflected"}, {"pack", "lanes"}
@@ -19,7 +20,7 @@ GPU = {"patch_groups_gpu", "group_step_gpu", "group_gather"}
 # The same primitive for a GPU, in both languages.
 BOTH_GPU = {"influence_zones_gpu", "similarity_step_gpu", "sweep_gpu"}
 # Several primitives at once, in the one language that needs it, and a part of it; kernels/README.md says why.
-FUSED, FUSED_PARTS = {"sweep"}, {"sweep_wide"}
+FUSED, FUSED_PARTS = {"sweep", "descend", "ascend"}, {"sweep_wide"}
 # What a primitive includes, where it is not both kinds of graph.
 INCLUDES = {
     "cosine_solve": ("reals.cl",),
@@ -34,9 +35,12 @@ INCLUDES = {
     "duality_gap": ("prox.cl", "grid.cl", "csr.cl", "reals.cl"),
     "influence_zones": (),
     "gradient": ("conductance.cl", "grid.cl", "csr.cl", "reals.cl"),
+    "restrict": ("reals.cl",),
+    "prolong": ("reals.cl",),
+    **{name: ("curvature.cl", "grid.cl", "csr.cl", "reals.cl") for name in ("hessian", "shorten", "dual_newton")},
 }
 # Kernels whose primitive's name is a built-in function of the language.
-KERNELS = {"dot": "dot_product", "mix": "mix_channels"}
+KERNELS = {"dot": "dot_product", "mix": "mix_channels", "restrict": "restricted"}
 PRIMITIVES = sorted(
     path.stem
     for path in (kernels.folder / "opencl").glob("*.cl")
@@ -55,13 +59,16 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "degree",
         "difference",
         "dot",
+        "dual_newton",
         "dual_step",
         "duality_gap",
         "energy",
         "euler_step",
         "gradient",
         "gradient_norm",
+        "gradient_product",
         "group_step",
+        "hessian",
         "influence_zones",
         "jacobi_step",
         "max_change",
@@ -70,7 +77,11 @@ def test_the_primitives_of_the_protocol_have_a_kernel_each():
         "patch_distance",
         "patch_groups",
         "primal",
+        "prolong",
         "proximal",
+        "relax",
+        "restrict",
+        "shorten",
         "similarity_step",
     ]
     # `cells` are two methods: in and out

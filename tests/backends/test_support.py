@@ -23,6 +23,8 @@ OTHERS = {
     *("scalars", "begin_scalars", "watch", "mix_coefficients", "judge_mix"),  # test_scalars.py
     *("cosines", "cosine_solve", "overwrite", "record", "release"),  # test_cosines.py, test_recorded.py
     *("on_device", "on_host", "put_cells", "get_cells", "blur", "mix"),  # cells, not functions on a graph
+    *("restrict", "prolong", "relax", "aggregates", "descend", "ascend"),  # test_multilevel.py
+    *("gradient_product", "hessian", "shorten", "dual_newton"),  # test_curvature.py
     *("put_memory", "get_memory", "reads"),  # arrays of other libraries
 }
 

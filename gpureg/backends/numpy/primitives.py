@@ -17,8 +17,10 @@ from ...graphs.edges import opposite_edges
 from ...graphs.grid import GridGraph
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
+from .curvature import NumpyCurvature
 from .edges import Edges, conductance_of, raised
 from .groups import NumpyGroups
+from .multilevel import NumpyMultilevel
 from .scalars import NumpyScalars
 from .similarity import NumpySimilarity
 from .zones import NumpyZones
@@ -36,7 +38,7 @@ def devices() -> list[Device]:
     return [Device("numpy", "numpy", name, f"numpy {np.__version__}", "cpu", memory, 1, True, (TIER,))]
 
 
-class NumpyBackend(NumpyScalars, NumpyGroups, NumpySimilarity, NumpyZones):
+class NumpyBackend(NumpyScalars, NumpyCurvature, NumpyMultilevel, NumpyGroups, NumpySimilarity, NumpyZones):
     """The primitives in numpy."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:

@@ -29,7 +29,7 @@ from .recording import Record
 from .strips import Strips
 
 # Primitives that read both directions of an edge, whatever gamma is.
-_MIRRORED = ("adjoint", "primal", "proximal", "duality_gap")
+_MIRRORED = ("adjoint", "primal", "proximal", "duality_gap", "hessian")
 
 # Primitives without neighbours. On a GPU a work item reads 16 bytes at once: cores have 2048 work items at most, and
 # with 4 bytes for each the reads under way would not use all of the bandwidth.

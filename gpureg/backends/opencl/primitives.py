@@ -8,8 +8,10 @@ import numpy.typing as npt
 from ..protocol import Backend
 from ..types import Array, BackendUnavailable, Conductance, Device, Weighted
 from .cosines import OpenCLCosines
+from .curvature import OpenCLCurvature
 from .groups import OpenCLGroups
 from .listing import devices
+from .multilevel import OpenCLMultilevel
 from .patches import OpenCLPatches
 from .scalars import OpenCLScalars
 from .sweeps import OpenCLSweeps
@@ -18,7 +20,16 @@ from .zones import OpenCLZones
 __all__ = ["OpenCLBackend", "devices", "make"]
 
 
-class OpenCLBackend(OpenCLSweeps, OpenCLCosines, OpenCLScalars, OpenCLGroups, OpenCLPatches, OpenCLZones):
+class OpenCLBackend(
+    OpenCLSweeps,
+    OpenCLCosines,
+    OpenCLScalars,
+    OpenCLCurvature,
+    OpenCLMultilevel,
+    OpenCLGroups,
+    OpenCLPatches,
+    OpenCLZones,
+):
     """The primitives as OpenCL C kernels."""
 
     name = "opencl"

@@ -17,10 +17,12 @@ from ...kernels.warp import (
 from ..protocol import Backend
 from ..types import Array, Conductance, Device, Smoothness, Weighted
 from .cosines import WarpCosines
+from .curvature import WarpCurvature
 from .groups import WarpGroups
 from .layout import channels_of
 from .lent import WarpLent
 from .listing import devices
+from .multilevel import WarpMultilevel
 from .patches import WarpPatches
 from .scalars import WarpScalars
 from .sweeps import WarpSweeps
@@ -29,7 +31,17 @@ from .zones import WarpZones
 __all__ = ["WarpBackend", "devices", "make"]
 
 
-class WarpBackend(WarpCosines, WarpScalars, WarpGroups, WarpLent, WarpPatches, WarpSweeps, WarpZones):
+class WarpBackend(
+    WarpCosines,
+    WarpScalars,
+    WarpCurvature,
+    WarpMultilevel,
+    WarpGroups,
+    WarpLent,
+    WarpPatches,
+    WarpSweeps,
+    WarpZones,
+):
     """The primitives as Warp kernels."""
 
     def _degree(self, weighted: Weighted, out: Array) -> None:
