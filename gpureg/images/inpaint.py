@@ -88,7 +88,7 @@ def inpaint_image(
     solver : str or Solver, optional
         None: "certified", which finds a minimiser, for p >= 1 and without `update_weights`, otherwise "jacobi".
     tol : float, optional
-        None: 1e-8 (p = 2) or 1e-4 of the energy with "certified", otherwise 1e-5 of the spread of the known pixels.
+        None: 1e-10 (p = 2) or 1e-4 of the energy with "certified", otherwise 1e-5 of the spread of the known pixels.
     return_result : bool, default False
         Return the :class:`gpureg.Result` too, for its gap and how the run ended.
     norm, eps, backend, dtype, memory, callback, progress

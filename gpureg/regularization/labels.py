@@ -120,7 +120,7 @@ def propagate_labels(
     max_iter : int, optional
         None: 20 000 with "certified", otherwise 5000.
     tol : float, optional
-        None: 1e-8 (p = 2) or 1e-4 with "certified", otherwise 1e-6.
+        None: 1e-10 (p = 2) or 1e-4 with "certified", otherwise 1e-6.
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 

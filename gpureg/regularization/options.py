@@ -83,7 +83,7 @@ MODEL: dict[str, Any] = {"norm": "vertex", "eps": None, "solver": "jacobi", "tol
 FILL: dict[str, Any] = MODEL | {"solver": None}
 
 # The share of the energy that the gap falls to at p = 2, where a digit costs a few steps, and scores hardly differ.
-_TOL_LINEAR = 1e-8
+_TOL_LINEAR = 1e-10
 
 
 def solver_of(
