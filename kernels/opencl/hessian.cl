@@ -62,8 +62,7 @@ __kernel void hessian(
         for (int c = 0; c < M; ++c) {
 #ifdef Y
             sum[c] += USED(
-                conductance * FLOW(dh[c]) -
-                factor * (OWN * LOAD(y, EDGE_AT(c, M)) * along + FLOW(df[c]) * across));
+                conductance * FLOW(dh[c]) - factor * (OWN * LOAD(y, EDGE_AT(c, M)) * along + FLOW(df[c]) * across));
 #else
             sum[c] += USED(conductance * FLOW(dh[c]) - 2 * factor * along * FLOW(df[c]));
 #endif

@@ -17,9 +17,9 @@
 
 /* "restrict" itself is a word of the language */
 __kernel void restricted(
-    const long n,                      /* aggregates */
-    __global const INDEX *starts,      /* (n + 1,): where the list of each aggregate begins */
-    __global const INDEX *places,      /* (members,) */
+    const long n,                 /* aggregates */
+    __global const INDEX *starts, /* (n + 1,): where the list of each aggregate begins */
+    __global const INDEX *places, /* (members,) */
     const long unit,
     const long stride,
     __global const real *x, /* M channels */

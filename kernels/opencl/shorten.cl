@@ -48,7 +48,7 @@ __kernel void shorten(
     const realN length = sqrt(square[0]), longest = LOAD(most, AT(u, 0, 1));
     const realN by = length > longest ? longest / length : (realN)(1);
     OFFSETS
-        for (int c = 0; c < M; ++c) STORE(y, EDGE_AT(c, M), by * LOAD(y, EDGE_AT(c, M)));
-    END
+    for (int c = 0; c < M; ++c) STORE(y, EDGE_AT(c, M), by * LOAD(y, EDGE_AT(c, M)));
+END
 #endif
 }

@@ -93,7 +93,9 @@ class Setting:
         if self.dual:
             flux = g * dh - (s * y + t * df) / 2
             size = g * np.abs(dh) + (np.abs(s * y) + np.abs(t * df)) / 2
-            moved = g * h_off + g_off * g * np.abs(dh) + (s_off * np.abs(y) + t_off * np.abs(df) + np.abs(t) * f_off) / 2
+            moved = (
+                g * h_off + g_off * g * np.abs(dh) + (s_off * np.abs(y) + t_off * np.abs(df) + np.abs(t) * f_off) / 2
+            )
         else:
             flux = g * dh - s * df
             size = g * np.abs(dh) + np.abs(s * df)

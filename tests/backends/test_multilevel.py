@@ -28,7 +28,7 @@ MARKS = [() if at < 2 else pytest.mark.one_driver for at in range(len(PROBLEMS))
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Level:
-    """A problem as a level of multigrid: aggregates of 0 to 3 vertices; one vertex in eleven, and pinned ones, in none."""
+    """A problem as a level of multigrid: aggregates of up to 3 vertices; some vertices, and pinned ones, in none."""
 
     one: Problem
 

@@ -12,6 +12,7 @@ GRAPH = gr.Graph.from_edges(
     [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 6], [6, 7], [0, 3], [1, 4], [2, 6], [5, 7]],
     [1.0, 0.6, 1.3, 0.8, 1.1, 0.5, 0.9, 0.7, 1.2, 0.4, 1.5],
 )
+GRID = gr.GridGraph((2, 4))
 # in far and large units, so that the frame has an offset and a scale
 SCALE, OFFSET = 37.0, 900.0
 DEGREES = (1, 1.2, 1.5, 2, 3, 6)
@@ -92,43 +93,53 @@ def along(derivative, change):
 
 @pytest.mark.parametrize("norm", ["vertex", "edge"])
 @pytest.mark.parametrize("p", DEGREES)
-@pytest.mark.parametrize(("gamma", "coupled"), [("sqrt", True), ("combinatorial", False), ("normalized", True)])
-def test_a_stored_graph(p, norm, gamma, coupled):
+@pytest.mark.parametrize(
+    ("graph", "gamma", "coupled"),
+    [(GRAPH, "sqrt", True), (GRID, "combinatorial", False), (GRAPH, "normalized", True)],
+    ids=["graph", "grid", "degrees"],
+)
+def test_derivatives(p, norm, graph, gamma, coupled):
     """f0, lam with zeros and infinities, weights, p and eps, of two channels."""
     rng = np.random.default_rng(5)
-    graph, n, m = GRAPH, GRAPH.n_vertices, 2
+    stored = graph if isinstance(graph, gr.Graph) else graph.to_graph()
+    n, m, shape = graph.n_vertices, 2, getattr(graph, "shape", (graph.n_vertices,))
     f0 = OFFSET * (gamma != "normalized") + SCALE * rng.random((n, m))
     eps = 0.1 * SCALE if p < 4 else 0.4 * SCALE  # where the curvature at lam = 0 is too small for steps of lam
     # of the order of the smoothness
     lam = SCALE ** (p - 2) * np.array([0, 0.5, np.inf, 2, 0, 1, 0, np.inf])
-    result = gr.regularize(f0, graph, p=p, lam=lam, norm=norm, gamma=gamma, coupled=coupled, eps=eps, **FEW)
+    once = dense(stored, rng.random(stored.n_edges))
+    both, rows = once + once.T, stored.edge_rows()
+    W = dense(stored, graph.weights) if graph is stored else both.T @ both * (both > 0)
+    given = None if graph is stored else W[rows, stored.indices]
+    result = gr.regularize(
+        f0.reshape(*shape, m), graph, p=p, lam=lam.reshape(shape), weights=given, norm=norm, gamma=gamma,
+        coupled=coupled, eps=eps, **FEW,
+    )  # fmt: skip
     slope = rng.normal(size=(n, m))
-    found = gr.derivatives(result, lambda _: slope)
+    found = gr.derivatives(result, lambda _: slope.reshape(*shape, m))
+    value, by_f0, by_lam = found.value.reshape(n, m), found.f0.reshape(n, m), found.lam.ravel()
+    by_weights = found.weights if graph is stored else graph.edges.listed(found.weights, "weights")
     model = {"f0": f0, "lam": lam[:, None], "p": p, "eps": eps, "norm": norm, "coupled": coupled}
-    model["G"] = gamma_of(gamma, dense(graph, graph.weights))
+    model["G"] = gamma_of(gamma, W)
     df0, dlam = SCALE * rng.normal(size=(n, m)), np.where(np.isfinite(lam), SCALE ** (p - 2) * rng.random(n), 0)
-    once = dense(graph, rng.random(graph.n_edges))
-    both = once + once.T
-    dw = both[np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices]
-    W = dense(graph, graph.weights)
-    assert np.abs(gradient(found.value, model)[np.isfinite(lam)]).max() < 1e-9 * SCALE ** (p - 1)
+    assert np.abs(gradient(value, model)[np.isfinite(lam)]).max() < 1e-9 * SCALE ** (p - 1)
     # at a lam of 0 a step back would leave the problem: the equation still has a solution near
     changes = {
         "f0": (lambda h: {"f0": f0 + h * df0}, 1e-3, 1e-6),
-        "lam": (lambda h: {"lam": (lam + h * dlam)[:, None]}, 1e-3, 1e-6),
+        "lam": (lambda h: {"lam": (lam + h * dlam)[:, None]}, 2e-4, 1e-6),
         "weights": (lambda h: {"G": gamma_of(gamma, W + h * both)}, 1e-3, 1e-6),
         "p": (lambda h: {"p": p + h}, 1e-3, 1e-5),
         "eps": (lambda h: {"eps": eps + h * SCALE}, 1e-3, 1e-5),
     }
     derivatives = {
-        "f0": along(found.f0, df0),
-        "lam": along(found.lam, dlam),
-        "weights": along(found.weights, dw),
+        "f0": along(by_f0, df0),
+        "lam": along(by_lam, dlam),
+        "weights": along(by_weights, both[rows, stored.indices]),
         "p": (found.p, abs(found.p)),
         "eps": (found.eps * SCALE, abs(found.eps * SCALE)),
     }
-    check(derivatives, model, changes, slope, found.value)
-    assert found.lam[np.isinf(lam)].tolist() == [0, 0] and not found.f0[lam == 0].any()
+    check(derivatives, model, changes, slope, value)
+    assert by_lam[np.isinf(lam)].tolist() == [0, 0] and not by_f0[lam == 0].any()
 
 
 @pytest.mark.parametrize(("p", "norm", "eps"), [(1.3, "vertex", 0.1), (3, "edge", 0.0), (2, "edge", 0.0)])
