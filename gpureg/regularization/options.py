@@ -82,8 +82,9 @@ RUN: dict[str, Any] = {"backend": "auto", "dtype": None, "memory": None, "callba
 MODEL: dict[str, Any] = {"norm": "vertex", "eps": None, "solver": "jacobi", "tol": None, **RUN}
 FILL: dict[str, Any] = MODEL | {"solver": None}
 
-# The share of the energy that the gap falls to at p = 2, where a digit costs a few steps, and scores hardly differ.
-_TOL_LINEAR = 1e-10
+# The share of the energy that the gap falls to at p = 2, where a digit costs a few steps: an error of some 1e-5 of the
+# spread, or the rounding of float32.
+TOL_LINEAR = 1e-10
 
 
 def solver_of(
@@ -99,6 +100,6 @@ def solver_of(
         named = "certified" if p >= 1 and not renewed else "jacobi"
     solver = resolve(named)
     if isinstance(solver, Certified):
-        own = _TOL_LINEAR if p == 2 and isinstance(named, str) else None
+        own = TOL_LINEAR if p == 2 and isinstance(named, str) else None
         return solver, max_iter, own if asked["tol"] is None else asked["tol"]
     return solver, sweeps if max_iter is None else max_iter, tol if asked["tol"] is None else asked["tol"]
