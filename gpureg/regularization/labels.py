@@ -149,7 +149,10 @@ def propagate_labels(
     -----
     One call of :func:`gpureg.regularize` (eq. 19, 30) on the indicator functions of the classes, with one gradient norm
     for all classes, and with lam infinite at the known vertices and 0 at the others; a vertex gets the label of the
-    largest value. MEASURED
+    largest value. With few labels the harmonic solution is nearly constant away from them; heavier edges at known
+    vertices and a larger p are two ways to avoid that (``bench/labels.py``). On p > 2 see El Alaoui et al., "Asymptotic
+    behavior of l_p-based Laplacian regularization in semi-supervised learning", 2016, who advise p = d + 1 for data of
+    d dimensions.
 
     Examples
     --------
