@@ -205,6 +205,14 @@ class Certified(Solver[_State]):
             return Stop.PRECISION if course.changes[-1] <= _STILL * unit else None
         return None
 
+    def error_bound(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> tuple[float | None, str]:
+        """Bound the distance of f from the minimiser as the method does."""
+        return state.method.error_bound(problem, state.inner, gap, energy)
+
+    def rounding(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> float:
+        """Bound the roundings that are not in the gap of the method."""
+        return state.method.rounding(problem, state.inner, gap, energy)
+
     def describe(self, state: _State) -> str:
         """Describe what the methods did."""
         return state.before + state.method.describe(state.inner)

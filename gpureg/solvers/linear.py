@@ -7,7 +7,7 @@ The gap is the sum of |lam (f - f0) + Laplacian f|^2 / (2 lam); ``dominance.py``
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..backends import Array, Backend, Recorded, in_turns
 from ..graphs.grid import GridGraph
@@ -83,6 +83,10 @@ class Linear(Solver[_State]):
         if problem.scale is not None:
             bound /= float(problem.scale.min())
         return (bound, _BOUND) if general is None or bound < general else (general, said)
+
+    def rounding(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> float:
+        """Bound the roundings that are not in the gap: those of products with the box are in no residual."""
+        return super().rounding(replace(problem, box=None), state, gap, energy)
 
     def next_check(self, state: _State, done: int) -> int:
         """Return a check after a tenth more iterations; a check costs about as much as a step without multigrid."""
