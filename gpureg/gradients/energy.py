@@ -225,6 +225,21 @@ class Point:
         found: FloatArray = unit * (e.lam * (size + np.abs(e.f0)) + abs(e.adjoint) @ (steep * each))
         return found
 
+    def frozen(self) -> csr_array:
+        """Compute lam + d* c d as a matrix of the vertices whose values are computed: the Hessian for fixed c."""
+        from scipy.sparse import csr_array
+
+        chosen = np.flatnonzero(self.energy.solved)
+        found: csr_array = csr_array(self._frozen()[chosen][:, chosen])
+        return found
+
+    def _frozen(self) -> csr_array:
+        from scipy.sparse import csr_array, diags_array
+
+        e = self.energy
+        inner = e.adjoint @ (diags_array(e.share * self.c[e.group]) @ e.matrix)
+        return csr_array(inner + diags_array(e.lam[:, 0]))
+
     def hessian(self, held: tuple[FloatArray, FloatArray] | None = None) -> csr_array:
         """Compute the Hessian as a matrix of the values that are computed, vertex by vertex and channel by channel.
 
@@ -239,12 +254,11 @@ class Point:
         from scipy.sparse import csr_array, diags_array, kron
 
         e, m = self.energy, self.f.shape[1]
-        inner = csr_array(e.adjoint @ (diags_array(e.share * self.c[e.group]) @ e.matrix))
-        inner = csr_array(inner + diags_array(e.lam[:, 0]))
         if e.p == 2:
-            chosen = np.flatnonzero(e.solved)
-            return csr_array(inner[chosen][:, chosen])
-        whole = inner if m == 1 else csr_array(kron(inner, diags_array(np.ones(m))))
+            return self.frozen()
+        whole = self._frozen()
+        if m > 1:
+            whole = csr_array(kron(whole, diags_array(np.ones(m))))
         if self.df.size:
             along = self._along(self.df)
             if held is None:
