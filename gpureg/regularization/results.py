@@ -14,7 +14,6 @@ from ..graphs.csr import Graph
 from ..graphs.grid import GridGraph
 from ..model.problem import Problem
 from ..model.result import Interrupted, Result, Stop
-from ..model.rounding import Rounding
 from ..solvers import Solver
 from ..solvers.loop import Callback, Outcome
 
@@ -55,7 +54,7 @@ def result_of(outcome: Outcome, value: Any, begin: float, asked: Problem | None 
     gap = course.gaps[-1] if course.checks[-1:] == [outcome.iterations] else None
     bound, note = None, ""
     if gap is not None:
-        gap += Rounding.of(on, outcome.f)(course.energies[-1], gap)
+        gap += outcome.solver.rounding(on, outcome.state, gap, course.energies[-1])
         bound, note = outcome.solver.error_bound(on, outcome.state, gap, course.energies[-1])
     result = Result(
         value=value,

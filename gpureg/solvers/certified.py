@@ -200,10 +200,19 @@ class Certified(Solver[_State]):
             return None
         done = checks[-1] - checks[0]
         early = [gap for gap, at in zip(gaps, checks, strict=True) if 2 * (at - checks[0]) <= done]
-        if done >= state.method.patience and min(gaps) > 0.8 * min(early):
+        least = min(gaps)
+        if done >= state.method.patience and (least == math.inf or least > 0.8 * min(early)):
             unit = float(np.finfo(problem.backend.dtype).eps) * largest_value(problem)
             return Stop.PRECISION if course.changes[-1] <= _STILL * unit else None
         return None
+
+    def error_bound(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> tuple[float | None, str]:
+        """Bound the distance of f from the minimiser as the method does."""
+        return state.method.error_bound(problem, state.inner, gap, energy)
+
+    def rounding(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> float:
+        """Bound the roundings that are not in the gap of the method."""
+        return state.method.rounding(problem, state.inner, gap, energy)
 
     def describe(self, state: _State) -> str:
         """Describe what the methods did."""

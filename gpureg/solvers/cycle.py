@@ -15,6 +15,12 @@ from .levels import Coarsening
 
 # The relaxation of the Jacobi sweeps.
 OMEGA = 2 / 3
+# The levels whose system is solved by two cycles x and y, as _FIRST x + _SECOND y with y for the residual of _FIRST x.
+# If M is the matrix of a cycle, this multiplies by q(M A) M, q(t) = 3.2 - 2.4 t: symmetric, positive for eigenvalues of
+# M A below 1.33, as they all are, and flatter than M alone over [0.1, 1]. It takes no products of vectors, costs a
+# quarter more, and halves the steps of conjugate gradients, whose number grows with the levels between two such ones.
+_TWICE = (2, 5)
+_FIRST, _SECOND = 1.2, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +37,8 @@ class _Level:
     scratch : two device functions, (n, m)
     r, x : device functions, (n, m), of the next level
         Its right-hand side and its solution.
+    again : two device functions, (n, m), or None
+        The residual and the solution of a second cycle.
     """
 
     weighted: Weighted
@@ -40,14 +48,15 @@ class _Level:
     scratch: tuple[Array, Array]
     r: Array
     x: Array
+    again: tuple[Array, Array] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
     """An approximate inverse of the matrix of eq. 25 at p = 2, symmetric and positive definite.
 
-    On each level one Jacobi sweep from zero, the correction of the next level, and one more sweep. The last level has
-    the inverse of its matrix, which is applied as the matrix of a complete graph.
+    On each level one Jacobi sweep from zero, the correction of the next level, and one more sweep. Two of the levels
+    are solved twice. The last level has the inverse of its matrix, applied as the matrix of a complete graph.
 
     Attributes
     ----------
@@ -99,50 +108,60 @@ class Cycle:
         levels: list[_Level] = []
         graph = weighted.graph
         over = backend.put(graph, diagonal)
-        for level in coarse:
+        for at, level in enumerate(coarse):
             below = level.graph
             smoother = _smoother(backend, weighted.graph, diagonal)
             aggregates = backend.aggregates(weighted.graph, below, level.of)
-            scratch = backend.empty(weighted.graph, channels), backend.empty(weighted.graph, channels)
-            r, x = backend.empty(below, channels), backend.empty(below, channels)
-            levels.append(_Level(weighted, lam, smoother, aggregates, scratch, r, x))
+            scratch, again = _two(backend, weighted.graph, channels), None
+            r, x = _two(backend, below, channels)
+            if at in _TWICE:
+                again = _two(backend, weighted.graph, channels)
+            levels.append(_Level(weighted, lam, smoother, aggregates, scratch, r, x, again))
             sums = level.sums(sums)
             weighted, lam = backend.prepare(below, below.weights), backend.put(below, sums[:, None])
             diagonal = (sums + 2 * below.degree())[:, None]
         if not coarse:
             return cls(graph, [], over, None, over)
         inverse = np.linalg.inv(coarse[-1].graph.to_scipy().toarray() * -2 + np.diag(diagonal[:, 0]))
-        complete = _complete(len(inverse))
-        last = backend.prepare(complete, -inverse[complete.edge_rows(), complete.indices] / 2)
+        complete = _complete(inverse / -2)
+        last = backend.prepare(complete, complete.weights)
         return cls(graph, levels, over, last, backend.put(complete, inverse.sum(axis=1)[:, None]))
 
     def solve(self, backend: Backend, r: Array, out: Array) -> None:
         """Do one cycle for the right-hand side r, (n, m); `backend` is that of `put`, or one that records."""
         if self.levels:
-            self._down(backend, 0, r, out)
+            self._solve(backend, 0, r, out)
         else:
             backend.combine(self.graph, 0.0, r, 1.0, r, over=self.diagonal, out=out)
 
-    def _down(self, backend: Backend, at: int, r: Array, out: Array) -> None:
-        level = self.levels[at]
-        backend.descend(
-            level.aggregates, level.weighted, r, level.lam, level.smoother, scratch=level.scratch, out=level.r
-        )
-        if at + 1 < len(self.levels):
-            self._down(backend, at + 1, level.r, level.x)
-        else:
+    def _solve(self, backend: Backend, at: int, r: Array, out: Array) -> None:
+        """Solve the system of a level, by one cycle or by two."""
+        if at == len(self.levels):
             assert self.last is not None
-            backend.gradient(self.last, level.r, None, None, self.last_lam, out=level.x)
-        backend.ascend(
-            level.aggregates,
-            level.weighted,
-            level.x,
-            r,
-            level.lam,
-            level.smoother,
-            scratch=level.scratch,
-            out=out,
-        )
+            backend.gradient(self.last, r, None, None, self.last_lam, out=out)
+            return
+        level = self.levels[at]
+        self._cycle(backend, at, r, out)
+        if level.again is None:
+            return
+        graph, (left, more) = level.weighted.graph, level.again
+        backend.gradient(level.weighted, out, None, None, level.lam, out=left)
+        backend.combine(graph, -_FIRST, left, 1.0, r, out=left)
+        self._cycle(backend, at, left, more)
+        backend.combine(graph, _SECOND, more, _FIRST, out, out=out)
+
+    def _cycle(self, backend: Backend, at: int, r: Array, out: Array) -> None:
+        """Do one cycle from a level on."""
+        level = self.levels[at]
+        aggregates, weighted, lam, smoother = level.aggregates, level.weighted, level.lam, level.smoother
+        backend.descend(aggregates, weighted, r, lam, smoother, scratch=level.scratch, out=level.r)
+        self._solve(backend, at + 1, level.r, level.x)
+        backend.ascend(aggregates, weighted, level.x, r, lam, smoother, scratch=level.scratch, out=out)
+
+
+def _two(backend: Backend, graph: AnyGraph, channels: int) -> tuple[Array, Array]:
+    """Allocate two functions on a graph."""
+    return backend.empty(graph, channels), backend.empty(graph, channels)
 
 
 def _smoother(backend: Backend, graph: AnyGraph, diagonal: FloatArray) -> Smoother:
@@ -151,8 +170,9 @@ def _smoother(backend: Backend, graph: AnyGraph, diagonal: FloatArray) -> Smooth
     return Smoother(backend.put(graph, 1 / over), backend.put(graph, over))
 
 
-def _complete(n: int) -> Graph:
-    """Return the complete graph of n vertices."""
-    columns = np.broadcast_to(np.arange(n), (n, n))
-    others = columns[~np.eye(n, dtype=bool)]
-    return Graph(np.arange(n + 1) * max(n - 1, 0), others)
+def _complete(weights: FloatArray) -> Graph:
+    """Return the complete graph with the entries of a square matrix off its diagonal as weights."""
+    n = len(weights)
+    others = ~np.eye(n, dtype=bool)
+    columns = np.broadcast_to(np.arange(n), (n, n))[others]
+    return Graph.trusted(np.arange(n + 1) * max(n - 1, 0), columns, weights[others])

@@ -167,6 +167,10 @@ class Solver(ABC, Generic[S]):
         """
         return error_bound(problem, gap, energy)
 
+    def rounding(self, problem: DeviceProblem, state: S, gap: float, energy: float) -> float:
+        """Bound the roundings of an energy with this gap, and of the data, that are not in the gap yet."""
+        return Rounding.of(problem, state.f)(energy, gap)
+
     @abstractmethod
     def describe(self, state: S) -> str:
         """Describe the iterations, as a sentence without its full stop."""
@@ -309,7 +313,7 @@ def run(
         frame, gap = problem.problem.frame, course.gaps[-1]
         energy, change = frame.energy(course.energies[-1], problem.p), course.changes[-1] * frame.scale
         if gap is not None:
-            gap += Rounding.of(problem, state.f)(course.energies[-1], gap)
+            gap += solver.rounding(problem, state, gap, course.energies[-1])
             gap = frame.energy(gap, problem.p)
         check = Check(done, energy, change, gap, value)
         with calling_back():

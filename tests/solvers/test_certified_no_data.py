@@ -101,9 +101,13 @@ def test_every_gap_encloses_the_optimum(device: str, dtype: str, p: float, norm:
 
 @both_norms
 @pytest.mark.parametrize(
-    ("p", "method"), [(1.0, "primal-dual"), (1.0, "newton"), (1.5, "primal-dual"), (1.5, "newton"), (2.0, "newton"),
-                      (3.0, "newton")]
-)  # fmt: skip
+    ("p", "method"),
+    [
+        *((p, method) for p in (1.0, 1.5, 2.0) for method in ("primal-dual", "newton")),
+        (2.0, "linear"),
+        (3.0, "newton"),
+    ],
+)
 def test_every_method(p: float, norm: str, method: str) -> None:
     result = solve(method=method, p=p, norm=norm)
     assert result.stop is gr.Stop.GAP_NO_DATA
