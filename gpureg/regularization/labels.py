@@ -8,42 +8,80 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, unmasked
-from ..checks import flag
+from ..checks import flag, number
 from ..doors import door
 from ..graphs.accepted import GraphLike, as_graph
 from ..graphs.csr import Graph
 from ..graphs.grid import AnyGraph, GridGraph
 from ..model.problem import uses_degrees
+from ..model.result import Result
+from ..solvers import Certified
 from ..weights import Weights
 from .harmonic import harmonic
-from .options import MODEL, Model
+from .joined import Joined, Reweighting, as_reweighting
+from .options import FILL, Fill, solver_of
 from .regularize import regularize
 
 # The defaults of :func:`propagate_labels` for the options of the model and the run.
-_OPTIONS: dict[str, Any] = MODEL | {"norm": "edge", "tol": 1e-6}
+_OPTIONS: dict[str, Any] = FILL | {"norm": "edge", "return_scores": False, "return_result": False}
+# Sweeps of a solver that is not certified, and the tolerance at which they end.
+_SWEEPS, _TOL = 5000, 1e-6
+
+
+class _Options(Fill, total=False):
+    return_scores: bool
+    return_result: bool
 
 
 @overload
 def propagate_labels(
-    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[False] = False, **settings: Any
+    labels: npt.ArrayLike,
+    graph: GraphLike,
+    *,
+    return_scores: Literal[False] = False,
+    return_result: Literal[False] = False,
+    **settings: Any,
 ) -> IntArray: ...
 @overload
 def propagate_labels(
-    labels: npt.ArrayLike, graph: GraphLike, *, return_scores: Literal[True], **settings: Any
+    labels: npt.ArrayLike,
+    graph: GraphLike,
+    *,
+    return_scores: Literal[True],
+    return_result: Literal[False] = False,
+    **settings: Any,
 ) -> tuple[IntArray, FloatArray]: ...
+@overload
+def propagate_labels(
+    labels: npt.ArrayLike,
+    graph: GraphLike,
+    *,
+    return_scores: Literal[False] = False,
+    return_result: Literal[True],
+    **settings: Any,
+) -> tuple[IntArray, Result]: ...
+@overload
+def propagate_labels(
+    labels: npt.ArrayLike,
+    graph: GraphLike,
+    *,
+    return_scores: Literal[True],
+    return_result: Literal[True],
+    **settings: Any,
+) -> tuple[IntArray, FloatArray, Result]: ...
 @door(options=_OPTIONS)  # type: ignore[misc]  # the overloads leave the settings to this one
 def propagate_labels(
     labels: npt.ArrayLike,
     graph: GraphLike,
     *,
-    p: float = 3.0,
+    p: float = 2.0,
     weights: Weights | npt.ArrayLike | None = None,
     gamma: str | npt.ArrayLike = "sqrt",
+    reweighting: Reweighting | float | None = None,
     balance: bool = False,
-    return_scores: bool = False,
-    max_iter: int = 5000,
-    **options: Unpack[Model],
-) -> IntArray | tuple[IntArray, FloatArray]:
+    max_iter: int | None = None,
+    **options: Unpack[_Options],
+) -> IntArray | tuple[IntArray, FloatArray] | tuple[IntArray, Result] | tuple[IntArray, FloatArray, Result]:
     """Label all vertices of a graph from the labels of a few (semi-supervised classification).
 
     Parameters
@@ -53,9 +91,10 @@ def propagate_labels(
         missing between labels.
     graph : Graph or GridGraph
         The graph of n vertices.
-    p : float, default 3
-        Degree of regularity. 2 is the harmonic solution of Zhu, Ghahramani and Lafferty (2003), which with few labels
-        is nearly constant with a spike at each label; a larger p avoids that.
+    p : float, default 2
+        Degree of regularity. 2 is a linear system; the harmonic solution of Zhu, Ghahramani and Lafferty (2003) with
+        ``reweighting="none"``, which with few labels is nearly constant with a spike at each label. A larger p avoids
+        that too; infinity is the absolutely minimal Lipschitz extension.
     weights : Weights or array, optional
         An object of :mod:`gpureg.weights`, or one value per stored directed edge. None: those of the graph, or 1. For
         vertices with features: ``gpureg.weights.gaussian(features, sigma)``. A weight function that compares data, such
@@ -64,14 +103,24 @@ def propagate_labels(
     norm : {"vertex", "edge"}, default "edge"
     eps : float, optional
         As in :func:`gpureg.regularize`; the regularized functions have values in 0..1.
+    reweighting : {"wnll", "none"} or float, optional
+        A factor that multiplies the weights of edges at known vertices: "none" is 1; "wnll", weighted nonlocal
+        Laplacian (Shi, Osher and Zhu, 2017), is (1 + n / k) / 2 in a component with k of n vertices known, so that few
+        labels have as much influence as many. None: "wnll" at p = 2 if gamma is "sqrt" or "combinatorial", otherwise
+        "none".
     balance : bool, default False
         Scale the scores so that each class has the same share among the unknown vertices as among the known ones (class
         mass normalization). Use it if the known labels have representative shares.
     return_scores : bool, default False
         Return the scores too.
-    solver : str or Solver, default "jacobi"
-    max_iter : int, default 5000
-    tol : float, default 1e-6
+    return_result : bool, default False
+        Return the :class:`gpureg.Result` too, for its gap and how the run ended.
+    solver : str or Solver, optional
+        None: "certified" for p >= 1, otherwise "jacobi".
+    max_iter : int, optional
+        None: 20 000 with "certified", otherwise 5000.
+    tol : float, optional
+        None: 1e-10 (p = 2) or 1e-4 with "certified", otherwise 1e-6.
     backend, dtype, memory, callback, progress
         As in :func:`gpureg.regularize`.
 
@@ -82,7 +131,11 @@ def propagate_labels(
         vertex by edges of weight > 0 have -1. Of two labels with the same score the smaller is taken.
     scores : float array
         If `return_scores`: one column per class, in the order of ``np.unique(labels[labels >= 0])``, on a last axis.
-        With gamma "sqrt" or "combinatorial" each row is a distribution (>= 0, sum 1); it is 0 where the label is -1.
+        With gamma "sqrt" or "combinatorial" and a finite p each row is a distribution (>= 0, sum 1); it is 0 where the
+        label is -1.
+    result : Result
+        If `return_result`: its value are the scores before they are balanced; its gap and energy are those of the
+        weights after reweighting.
 
     Raises
     ------
@@ -96,11 +149,10 @@ def propagate_labels(
     -----
     One call of :func:`gpureg.regularize` (eq. 19, 30) on the indicator functions of the classes, with one gradient norm
     for all classes, and with lam infinite at the known vertices and 0 at the others; a vertex gets the label of the
-    largest value. On p > 2 for few labels see El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian
-    regularization in semi-supervised learning", 2016, who advise p = d + 1 for data of d dimensions. Measured by
-    ``bench/labels.py`` on the Cora citations, 20 draws: with 5 labels per class 46.0 percent right at p = 2, 56.8 at 3
-    and 59.7 at 6; with 20 labels 73.6, 73.7 and 72.7. There balance=True helps more, and most at p = 2: 70.0 and 75.3;
-    on the Minnesota roads with 20 labels it makes the result worse.
+    largest value. With few labels the harmonic solution is nearly constant away from them; heavier edges at known
+    vertices and a larger p are two ways to avoid that (``bench/labels.py``). On p > 2 see El Alaoui et al., "Asymptotic
+    behavior of l_p-based Laplacian regularization in semi-supervised learning", 2016, who advise p = d + 1 for data of
+    d dimensions.
 
     Examples
     --------
@@ -114,45 +166,51 @@ def propagate_labels(
     if isinstance(labels, Graph | GridGraph):
         raise TypeError("the labels come first now, then the graph: propagate_labels(labels, graph)")
     graph = as_graph(graph, degrees=uses_degrees(gamma))
-    balance, return_scores = flag("balance", balance), flag("return_scores", return_scores)
+    balance = flag("balance", balance)
+    asked: dict[str, Any] = _OPTIONS | options
+    return_scores, return_result = (flag(name, asked.pop(name)) for name in ("return_scores", "return_result"))
+    p = number("p", p, above=0, finite=False)
+    factor = as_reweighting(reweighting, p, gamma)
     given = _checked(graph, labels)
     flat = given.reshape(-1)
     known = flat >= 0
     classes, index = np.unique(flat[known], return_inverse=True)
     indicators = np.zeros((len(flat), len(classes)))
     indicators[known, index] = 1
-    # The start decides how many sweeps are needed. The largest error after 300 sweeps at p = 3, on Cora with 5 labels
-    # per class, is 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the Minnesota roads, of
-    # larger diameter, 5e-1, 3e-1 and 5e-2. This solution takes 0.02 to 0.04 s, the time of some 20 sweeps.
-    start, reached = harmonic(
-        indicators,
-        graph,
-        known,
-        weights=weights,
-        gamma=gamma,
-        backend=options.get("backend", "auto"),
-        dtype=options.get("dtype"),
-    )
-    scores = regularize(
+    run = {name: asked[name] for name in ("backend", "dtype")}
+    joined = Joined.of(indicators, graph, known, weights=weights, gamma=gamma, **run)
+    reached = joined.reached
+    if factor is not None:
+        weights, gamma = joined.reweighted(factor), "sqrt"
+    solver, max_iter, tol = solver_of(asked, p, max_iter, sweeps=_SWEEPS, tol=_TOL)
+    start = None
+    if not isinstance(solver, Certified):
+        # The start decides how many sweeps are needed. The largest error after 300 sweeps at p = 3, on Cora with 5
+        # labels per class, is 5e-2 from zeros, 4e-2 from 1/classes and 7e-3 from the solution of p = 2; on the
+        # Minnesota roads, of larger diameter, 5e-1, 3e-1 and 5e-2.
+        start, _ = harmonic(indicators, graph, known, weights=weights, gamma=gamma, **run)
+    result = regularize(
         indicators,
         graph,
         p=p,
-        lam=np.where(known, np.inf, 0.0),
+        # vertices that are not reached stay at 0
+        lam=np.where(known | ~reached, np.inf, 0.0),
         weights=weights,
         gamma=gamma,
         # one conductance for all classes, and therefore one linear system: the values still sum to 1
         coupled=True,
         max_iter=max_iter,
         initial=start,
-        **{**_OPTIONS, **options},
-    ).value
-    scores[~reached] = 0
+        **{**asked, "solver": solver, "tol": tol},
+    )
+    scores = result.value.copy()
     if balance:
         scores = _balanced(scores, known, reached, index)
     found = np.where(reached, classes[scores.argmax(axis=1)], -1)
     found[known] = flat[known]
-    found = found.astype(given.dtype).reshape(given.shape)
-    return (found, scores.reshape(*given.shape, -1)) if return_scores else found
+    labelled = found.astype(given.dtype).reshape(given.shape)
+    more = (scores.reshape(*given.shape, -1),) if return_scores else ()
+    return (labelled, *more, *((result,) if return_result else ())) if more or return_result else labelled
 
 
 def _checked(graph: AnyGraph, labels: npt.ArrayLike) -> IntArray:

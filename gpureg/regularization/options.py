@@ -7,7 +7,7 @@ from typing import Any, Literal, TypedDict
 import numpy.typing as npt
 
 from ..backends import Chosen
-from ..solvers import Solver
+from ..solvers import Certified, Solver, resolve
 from ..solvers.loop import Callback
 
 
@@ -57,5 +57,49 @@ class Model(Run, total=False):
     tol: float | None
 
 
+class Fill(Run, total=False):
+    """Settings of functions that find unknown values.
+
+    Attributes
+    ----------
+    norm : {"vertex", "edge"}
+        The smoothness of eq. 20, or of eq. 30.
+    eps : float, optional
+        Smoothing of the gradient norm (eq. 15). None: as in :func:`gpureg.regularize`.
+    solver : str or Solver, optional
+        None: "certified" for p >= 1 and weights that stay, otherwise "jacobi".
+    tol : float, optional
+        Tolerance of the solver. None: the function's own for this solver.
+    """
+
+    norm: Literal["vertex", "edge"]
+    eps: float | None
+    solver: str | Solver | None
+    tol: float | None
+
+
 RUN: dict[str, Any] = {"backend": "auto", "dtype": None, "memory": None, "callback": None, "progress": False}
 MODEL: dict[str, Any] = {"norm": "vertex", "eps": None, "solver": "jacobi", "tol": None, **RUN}
+FILL: dict[str, Any] = MODEL | {"solver": None}
+
+# The share of the energy that the gap falls to at p = 2, where a digit costs a few steps: an error of some 1e-5 of the
+# spread, or the rounding of float32.
+TOL_LINEAR = 1e-10
+
+
+def solver_of(
+    asked: dict[str, Any], p: float, max_iter: int | None, *, sweeps: int, tol: float, renewed: bool = False
+) -> tuple[Solver, int | None, float | None]:
+    """Return the solver of a function that finds unknown values, its max_iter and its tol; None is the solver's own.
+
+    `asked` has its "solver" and "tol". The default solver is Certified where it can be used: for p >= 1 and weights
+    that are not `renewed`. Others do up to `sweeps` iterations to the tolerance `tol` by default.
+    """
+    named = asked["solver"]
+    if named is None:
+        named = "certified" if p >= 1 and not renewed else "jacobi"
+    solver = resolve(named)
+    if isinstance(solver, Certified):
+        own = TOL_LINEAR if p == 2 and isinstance(named, str) else None
+        return solver, max_iter, own if asked["tol"] is None else asked["tol"]
+    return solver, sweeps if max_iter is None else max_iter, tol if asked["tol"] is None else asked["tol"]

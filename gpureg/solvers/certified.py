@@ -199,7 +199,8 @@ class Certified(Solver[_State]):
             return None
         done = checks[-1] - checks[0]
         early = [gap for gap, at in zip(gaps, checks, strict=True) if 2 * (at - checks[0]) <= done]
-        if done >= state.method.patience and min(gaps) > 0.8 * min(early):
+        least = min(gaps)
+        if done >= state.method.patience and (least == math.inf or least > 0.8 * min(early)):
             unit = float(np.finfo(problem.backend.dtype).eps) * largest_value(problem)
             return Stop.PRECISION if course.changes[-1] <= _STILL * unit else None
         return None

@@ -6,7 +6,6 @@ The gap is the sum of |lam (f - f0) + Laplacian f|^2 / (2 lam); ``dominance.py``
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from ..backends import Array, Backend, Recorded, in_turns
@@ -14,6 +13,7 @@ from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .dominance import Dominance
+from .dual import duality_gap
 from .loop import Course, Solver, changed
 from .systems import Gradients, Multigrid, System
 
@@ -27,6 +27,7 @@ class _State:
     system: System
     work: Gradients
     dominance: Dominance | None  # where lam has zeros
+    slopes: Array | None  # memory for a function on the edges, where lam has zeros and there is no h
     turns: tuple[Recorded, Recorded]  # the next step, and the one after it
 
 
@@ -50,14 +51,16 @@ class Linear(Solver[_State]):
         f, previous = (backend.empty(graph, m) for _ in range(2))
         backend.copy(graph, initial, out=f)
         system, work = System.of(problem), Gradients.empty(problem, m)
-        dominance = None if problem.box is None else Dominance.of(problem, system)
+        dominance, slopes = None if problem.box is None else Dominance.of(problem, system), None
+        if problem.box is not None and dominance is None:
+            slopes = backend.empty_edges(graph, m)
 
         def step(backend: Backend, here: tuple[Array, int], there: tuple[Array, int]) -> None:
             """Do a step from f and its number to the other ones."""
             work.step(backend, problem, system, system.preconditioner, here, there)
 
         turns = in_turns(backend, step, (f, 0), (previous, 1))
-        return _begun(problem, _State(f, previous, system, work, dominance, turns))
+        return _begun(problem, _State(f, previous, system, work, dominance, slopes, turns))
 
     def advance(self, problem: DeviceProblem, state: _State) -> _State:
         """Do one step of conjugate gradients."""
@@ -67,11 +70,28 @@ class Linear(Solver[_State]):
         return changed(state, f=state.previous, previous=state.f, turns=state.turns[::-1])
 
     def certify(self, problem: DeviceProblem, state: _State, course: Course) -> tuple[_State, float]:
-        """Compute the gap from the true residual; restart if it differs from that of the recursion."""
+        """Compute the gap from the true residual, or without a function h from the slopes of f and the box.
+
+        Conjugate gradients restart if the true residual is larger than that of the recursion.
+        """
+        if state.slopes is not None:
+            return self._within_box(problem, state, state.slopes, course)
         expected = _gap(problem, state, state.work.residual)
         state.system.residual(problem, state.f, state.work.scratch)
         gap = _gap(problem, state, state.work.scratch)
         return (_begun(problem, state) if gap > 2 * expected else state), gap
+
+    def _within_box(self, problem: DeviceProblem, state: _State, y: Array, course: Course) -> tuple[_State, float]:
+        backend, graph = problem.backend, problem.weighted.graph
+        residual, scratch = state.work.residual, state.work.scratch
+        backend.combine(graph, 0.0, state.f, state.system.share, state.f, out=scratch)
+        backend.difference(problem.weighted, scratch, out=y)
+        gap = duality_gap(problem, state.f, y, course.energies[-1])
+        expected = backend.dot(graph, residual, residual)
+        state.system.residual(problem, state.f, scratch)
+        # twice the residual is four times its square
+        restarts = backend.dot(graph, scratch, scratch) > 4 * expected
+        return (_begun(problem, state) if restarts else state), gap
 
     def error_bound(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> tuple[float | None, str]:
         """Bound the distance by the residual, or in general."""
@@ -86,7 +106,8 @@ class Linear(Solver[_State]):
 
     def rounding(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> float:
         """Bound the roundings that are not in the gap: those of products with the box are in no residual."""
-        return super().rounding(replace(problem, box=None), state, gap, energy)
+        without = problem if state.slopes is not None else replace(problem, box=None)
+        return super().rounding(without, state, gap, energy)
 
     def next_check(self, state: _State, done: int) -> int:
         """Return a check after a tenth more iterations; a check costs about as much as a step without multigrid."""
@@ -100,8 +121,6 @@ class Linear(Solver[_State]):
 
 def _gap(problem: DeviceProblem, state: _State, residual: Array) -> float:
     """Compute the gap from the residual, (n, m), in the units of the problem's energy."""
-    if problem.box is not None and state.dominance is None:
-        return math.inf
     over = state.system.lam if state.dominance is None else state.dominance.over
     return state.system.share * problem.backend.dot(problem.weighted.graph, residual, residual, over=over) / 2
 

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from skimage import data, metrics, restoration
 
 import gpureg as gr
-from gpureg.regularization import harmonic
+from gpureg.regularization.harmonic import harmonic
 
 
 def holes(shape: tuple[int, ...], seed: int = 3) -> np.ndarray:
@@ -93,11 +93,11 @@ def test_no_more_of_the_image_than_matters(p: float, weights: gr.weights.Weights
     near, corners = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
     near[28:33, 30:36] = True
     corners[0, 0] = corners[-1, -1] = True
-    settings = {"p": p, "weights": weights, "radius": 2, "eps": 1e-2, "max_iter": 3000, "tol": 1e-9}
+    settings = {"p": p, "weights": weights, "radius": 2, "eps": 1e-2, "tol": 1e-12 if p == 2 else 1e-9}
     settings |= {"backend": "numpy", "dtype": "float64"}
     window = gr.inpaint_image(image, near, **settings)
     whole = gr.inpaint_image(image, near | corners, **settings)
-    # Both stop at a last change of 1e-9, in a hole of 6 x 5 cells; the first fills agree to 1e-7, and weights to that.
+    # Both stop at a gap of 1e-12 of the energy, 1e2: an error of 1e-5 in total at most, measured 2e-7.
     assert np.abs(window - whole)[near].max() < 1e-6
     # so that the above can fail: a window without its rim is another problem
     cut = gr.inpaint_image(image[27:34, 29:37], near[27:34, 29:37], **settings)
@@ -113,12 +113,8 @@ def test_a_guide_tells_where_colours_end() -> None:
     assert np.abs(filled - step).max() < 1e-3  # weights across the step: exp(-25) = 1e-11
 
 
-def test_weights_that_differ_widely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first fill is exact, directly and by conjugate gradients; or it warns.
-
-    On a path the resistances 1/w add up. The error of conjugate gradients is at most the residual, 1e-10, times the
-    condition number, here 60^2 times the ratio of the weights, 1e4.
-    """
+def test_weights_that_differ_widely() -> None:
+    """On a path the resistances 1/w add up."""
     weights = np.where(np.arange(60) % 3, 1e2, 1e-2)
     path = gr.Graph.from_edges([[k, k + 1] for k in range(60)], weights)
     known = np.zeros(61, bool)
@@ -126,18 +122,8 @@ def test_weights_that_differ_widely(monkeypatch: pytest.MonkeyPatch) -> None:
     f0 = np.where(np.arange(61) == 60, 1.0, 0.0)[:, None]
     steps = 1 / weights
     exact = np.concatenate([[0], np.cumsum(steps) / steps.sum()])
-    assert np.abs(harmonic.harmonic(f0, path, known)[0][:, 0] - exact).max() < 1e-9
-    monkeypatch.setattr(harmonic, "DIRECT", 0)
-    assert np.abs(harmonic.harmonic(f0, path, known)[0][:, 0] - exact).max() < 4e-3
-    # multigrid, where plain steps do not do
-    monkeypatch.setattr(harmonic, "PLAIN_STEPS", 1)
-    assert np.abs(harmonic.harmonic(f0, path, known)[0][:, 0] - exact).max() < 4e-3
-    monkeypatch.setattr(harmonic, "is_there", lambda: False)
-    monkeypatch.setattr(harmonic, "MAX_STEPS", 5)
-    with pytest.warns(RuntimeWarning, match="did not converge in 5 steps"):
-        unfinished = harmonic.harmonic(f0, path, known)[0]
-    # what the steps leave is between what is known all the same
-    assert unfinished.min() >= 0 and unfinished.max() <= 1
+    # float32: the ratio of two sums of 60 steps
+    assert np.abs(harmonic(f0, path, known, backend="numpy")[0][:, 0] - exact).max() < 1e-6
 
 
 @pytest.mark.parametrize("thread", [1.0, 1e-6, 1e-12, 1e-13, 1e-14])
@@ -148,45 +134,23 @@ def test_vertices_on_threads_have_their_value(thread: float) -> None:
     """
     graph = gr.Graph.from_edges([[0, 1], [1, 2], [2, 3]], [thread, 1.0, 3 * thread])
     known = np.array([True, False, False, True])
-    f, _ = harmonic.harmonic(np.array([[0.0], [0], [0], [1]]), graph, known, dtype=np.float64, backend="numpy")
+    f, _ = harmonic(np.array([[0.0], [0], [0], [1]]), graph, known, dtype=np.float64, backend="numpy")
     # three edges in a row, of resistances 1/thread, 1 and 1/(3 thread)
     expected = (1 / thread) / (1 / thread + 1 + 1 / (3 * thread))
     assert f[1, 0] == pytest.approx(expected, abs=1e-9 + 4e-16 / thread)
 
 
-def test_unfinished_fills_stay_in_the_range_of_their_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    weights = np.tile([1e3, 1e-3], 40)
-    edges = np.array([[k, k + 1] for k in range(80)])
-    two = gr.Graph.from_edges(np.concatenate([edges, edges + 81]), np.tile(weights, 2))
-    known = np.zeros(162, bool)
-    known[[0, 80, 81, 161]] = True
-    f0 = np.zeros((162, 1))
-    f0[[80, 81, 161], 0] = 1, 100, 200
-    f0[82:161] = 50
-    monkeypatch.setattr(harmonic, "DIRECT", 0)
-    monkeypatch.setattr(harmonic, "is_there", lambda: False)
-    monkeypatch.setattr(harmonic, "MAX_STEPS", 3)
-    with pytest.warns(RuntimeWarning, match="did not converge"):
-        f = harmonic.harmonic(f0, two, known)[0][:, 0]
-    assert f[:81].min() >= 0 and f[:81].max() <= 1
-    assert f[81:].min() >= 100 and f[81:].max() <= 200
-
-
-@pytest.mark.parametrize("direct", [True, False])
-def test_pixels_that_hang_by_a_thread(direct: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pixels_that_hang_by_a_thread() -> None:
     """Pixels joined to each other, and by weights of 1e-20 to all else, make the system singular to the last digit.
 
     Conjugate gradients made 1110 of a picture in 0..0.9, and warned; factors alone make infinities.
     """
-    image = data.astronaut()[:160:2, 90:250:2].mean(axis=-1) / 255
-    known = cases.rng(0).random(image.shape) < 0.01
-    if not direct:
-        monkeypatch.setattr(harmonic, "DIRECT_PLANE", 0)
-        monkeypatch.setattr(harmonic, "MAX_STEPS", 1000)
+    image = data.astronaut()[:160:4, 90:250:4].mean(axis=-1) / 255
+    known = cases.rng(0).random(image.shape) < 0.02
     weights = gr.weights.guided(gr.weights.bilateral(np.inf, 0.02), image)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore" if not direct else "error", RuntimeWarning)
-        filled = gr.inpaint_image(np.where(known, image, 0), ~known, radius=1, weights=weights)
+        warnings.simplefilter("error", RuntimeWarning)
+        filled = gr.inpaint_image(np.where(known, image, 0), ~known, radius=1, weights=weights, max_iter=200)
     assert image[known].min() <= filled.min() and filled.max() <= image[known].max() + 1e-6
     plain = gr.inpaint_image(np.where(known, image, 0), ~known)
     # a guide that knows the picture does better than none
@@ -229,8 +193,8 @@ def test_photograph_with_scratches() -> None:
         np.where(mask, image[tuple(distance_transform_edt(mask, return_distances=False, return_indices=True))], image)
     )
     biharmonic = psnr(restoration.inpaint_biharmonic(torn, mask))
-    # The first fill is the harmonic one, so that no sweep is needed at p = 2.
-    assert psnr(gr.inpaint_image(torn, mask, max_iter=0)) == pytest.approx(harmonic, abs=0.05)
+    # Sweeps start at the harmonic fill, so that none is needed at p = 2.
+    assert psnr(gr.inpaint_image(torn, mask, solver="jacobi", max_iter=0)) == pytest.approx(harmonic, abs=0.05)
     # Measured: 25.6 dB harmonic, 26.6 biharmonic (of fourth order, smoother), 3 dB less for the nearest pixel.
     assert harmonic > biharmonic - 1.5
     assert harmonic > nearest + 1

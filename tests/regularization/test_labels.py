@@ -25,8 +25,8 @@ def test_p2_is_the_harmonic_solution(device: str) -> None:
     L = np.diag(W.sum(axis=1)) - W
     indicator = (labels[known][:, None] == np.array([3, 5, 8])).astype(float)
     exact = np.linalg.solve(L[np.ix_(free, free)], W[np.ix_(free, np.flatnonzero(known))] @ indicator)
-    found, scores = gr.propagate_labels(labels, graph, p=2, return_scores=True, backend=device)
-    # float32 weights and sweeps; the start is exact to 1e-7 of the right-hand side, and the sweeps keep it
+    found, scores = gr.propagate_labels(labels, graph, reweighting="none", return_scores=True, backend=device)
+    # float32 weights, and a gap of 1e-10 of the energy
     assert np.abs(scores[free] - exact).max() < 1e-4
     assert np.abs(scores[main].sum(axis=1) - 1).max() < 1e-5
     sure = np.sort(exact, axis=1)[:, -1] - np.sort(exact, axis=1)[:, -2] > 1e-3
@@ -45,12 +45,15 @@ def test_larger_p(norm: str, gamma: str) -> None:
     labels = np.full(40, -1)
     labels[[0, 1, 2, 3]] = [0, 1, 0, 1]
     given = {"p": 3, "norm": norm, "gamma": gamma, "eps": 1e-3, **ORACLE}
-    _, scores = gr.propagate_labels(labels, graph, return_scores=True, max_iter=20_000, tol=1e-10, **given)
+    how = {"solver": "jacobi", "max_iter": 20_000, "tol": 1e-10}
+    _, scores, result = gr.propagate_labels(labels, graph, return_scores=True, return_result=True, **given)
     f0 = np.stack([labels == 0, labels == 1], axis=1).astype(float)
     lam = np.where(labels >= 0, np.inf, 0)
-    plain = gr.regularize(f0, graph, lam=lam, max_iter=20_000, tol=1e-10, **given).value
+    plain = gr.regularize(f0, graph, lam=lam, **how, **given).value
     reached = scores.sum(axis=1) > 0
-    assert np.abs(scores - plain)[reached].max() < 1e-3  # p = 3 and small gradients: the sweeps are slow at the end
+    assert np.abs(scores - plain)[reached].max() < 1e-2  # a gap of 1e-4, and p = 3 is flat at the minimum
+    assert 0 <= result.gap <= 1.01e-4 * result.energy[-1]
+    assert np.array_equal(result.value, scores)
 
 
 def test_grid_and_types() -> None:
@@ -71,8 +74,8 @@ def test_balance() -> None:
     graph = gr.Graph.from_edges([[k, k + 1] for k in range(9)])
     labels = np.full(10, -1)
     labels[0], labels[5], labels[6] = 1, 0, 0
-    _, plain = gr.propagate_labels(labels, graph, p=2, return_scores=True, **ORACLE)
-    _, scaled = gr.propagate_labels(labels, graph, p=2, balance=True, return_scores=True, **ORACLE)
+    _, plain = gr.propagate_labels(labels, graph, reweighting="none", return_scores=True, **ORACLE)
+    _, scaled = gr.propagate_labels(labels, graph, reweighting="none", balance=True, return_scores=True, **ORACLE)
     unknown = labels < 0
     assert plain[unknown, 1].mean() < 1 / 3
     assert abs(scaled[unknown, 1].mean() - 1 / 3) < abs(plain[unknown, 1].mean() - 1 / 3)
@@ -113,30 +116,22 @@ def test_wrong_labels(labels: list, error: type, says: str) -> None:
         gr.propagate_labels(labels, "graph")
 
 
-def accuracy(graph: gr.Graph, truth: np.ndarray, count: int, ps: tuple[float, ...], seeds: int) -> dict[float, float]:
-    """Mean share of right labels by p, over the unknown vertices of parts with a label."""
+def accuracy(graph: gr.Graph, truth: np.ndarray, count: int, seeds: int, **settings: object) -> float:
+    """Mean share of right labels over the unknown vertices of parts with a label."""
     part = csgraph.connected_components(graph.to_scipy(), directed=False)[1]
-    found: dict[float, list[float]] = {p: [] for p in ps}
+    found: list[float] = []
     for seed in range(seeds):
         labels, generator = np.full(len(truth), -1), cases.rng(seed)
         for c in np.unique(truth):
             labels[generator.choice(np.flatnonzero(truth == c), count, replace=False)] = c
         counted = np.isin(part, part[labels >= 0]) & (labels < 0)
-        for p in ps:
-            guess = gr.propagate_labels(labels, graph, p=p, max_iter=300, tol=1e-5)
-            found[p].append(float((guess == truth)[counted].mean()))
-    return {p: float(np.mean(values)) for p, values in found.items()}
+        guess = gr.propagate_labels(labels, graph, **settings)
+        found.append(float((guess == truth)[counted].mean()))
+    return float(np.mean(found))
 
 
-@pytest.mark.parametrize(("count", "p", "margin"), [(5, 4.0, 0.08), (20, 2.5, 0.004)])
-def test_cora(data_folder, count: int, p: float, margin: float) -> None:
-    """p > 2 beats p = 2 from 5 and 20 labels a class.
-
-    Measured over 4 seeds: 47.9 and 63.6 percent (5 labels, p = 4), 72.3 and 73.6 percent (20 labels, p = 2.5). With 20
-    labels the gain is small: over 100 draws 73.8 and 74.1 percent, +0.28 with a standard error of 0.13, and p = 2.5
-    wins 48 of them, p = 2 49. With 5 labels it is large: +13 over 20 draws, standard error 1.4.
-    """
+def test_cora(data_folder) -> None:
+    """With 5 labels a class the weighted nonlocal Laplacian is 10 points better than the plain one."""
     path = data_folder / "graphs" / "cora.npz"
     graph, truth = gr.read_graph(path, symmetrize="max"), np.load(path, allow_pickle=True)["labels"]
-    found = accuracy(graph, truth, count, (2.0, p), 4)
-    assert found[p] > found[2.0] + margin
+    assert accuracy(graph, truth, 5, 4) > accuracy(graph, truth, 5, 4, reweighting="none") + 0.1
