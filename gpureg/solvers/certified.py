@@ -64,12 +64,12 @@ class Certified(Solver[_State]):
         Stop once the gap is at most this share of the energy.
     method : {"auto", "dual", "primal-dual", "linear", "newton"}, default "auto"
         "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
-        transforms on a grid without mask and weights if lam is a number, otherwise by multigrid or, where that is as
-        fast, by the diagonal. "dual": accelerated proximal gradient steps on the dual problem, on the device, for lam >
-        0. "primal-dual": proximal steps on f and on the dual variable in turn, on the device, for any lam. "newton": a
-        few expensive primal-dual Newton steps, with multigrid. "auto" begins with "linear" for p = 2, otherwise with
+        transforms on a grid without mask and weights if lam is a number, otherwise by multigrid or, where lam is large,
+        by the diagonal. "dual": accelerated proximal gradient steps on the dual problem, for lam > 0. "primal-dual":
+        proximal steps on f and on the dual variable in turn, for any lam. "newton": a few expensive primal-dual Newton
+        steps with multigrid, in float64 if the device has it. "auto" begins with "linear" for p = 2, otherwise with
         "dual"; where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the
-        first method would be slow (for a small lam).
+        first method would be slow (for a small lam). All are on the device.
 
     Raises
     ------
