@@ -14,7 +14,7 @@ from ..graphs.grid import AnyGraph
 from .levels import Coarsening
 
 # The relaxation of the Jacobi sweeps.
-OMEGA = 2 / 3
+OMEGA = 0.75
 # What is added to the diagonal of the last level for each of its vertices, as a share.
 _ROUNDINGS = 64 * float(np.finfo(np.float64).eps)
 # The levels whose system is solved by two cycles x and y, as _FIRST x + _SECOND y with y for the residual of _FIRST x.
