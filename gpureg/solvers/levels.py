@@ -165,15 +165,13 @@ def matched(matrix: Couplings) -> tuple[IntArray, int]:
     in no aggregate (-1): the smoother solves its row.
     """
     n, rows, ends = matrix.n, matrix.rows(), matrix.indices
-    # equal weights are ordered by a hash of the edge, so that a uniform grid has no long chain of proposals
-    key = matrix.weights * (1 + 1e-6 * _hashed(rows, ends))
     first = np.flatnonzero(np.diff(matrix.indptr) > 0)
     begin = matrix.indptr[:-1][first]
     largest = np.zeros(n)
     largest[first] = np.maximum.reduceat(matrix.weights, begin)
-    heaviest = _heaviest(rows, ends, key, n)
-    strong = matrix.weights >= _STRONG * largest[rows]
-    u, v, key = rows[strong], ends[strong], key[strong]
+    strong = np.flatnonzero(matrix.weights >= np.repeat(_STRONG * largest, np.diff(matrix.indptr)))
+    u, v = rows[strong], ends[strong]
+    key = _ordered(u, v, matrix.weights[strong])
     partner = np.full(n, -1, np.int32)
     for _ in range(_ROUNDS):
         if not len(u):
@@ -183,12 +181,16 @@ def matched(matrix: Couplings) -> tuple[IntArray, int]:
         mutual = mutual[chosen[chosen[mutual]] == mutual]
         partner[mutual] = chosen[mutual]
         single = partner < 0
-        left = single[u] & single[v]
+        left = np.flatnonzero(single[u] & single[v])
         u, v, key = u[left], v[left], key[left]
     pairs = np.flatnonzero((partner >= 0) & (np.arange(n) < partner))
     of = np.full(n, -1, np.int32)
     of[pairs] = of[partner[pairs]] = np.arange(len(pairs))
-    alone = np.flatnonzero((partner < 0) & (heaviest >= 0))
+    single = partner < 0
+    around = np.flatnonzero(np.repeat(single, np.diff(matrix.indptr)))
+    u, v = rows[around], ends[around]
+    heaviest = _heaviest(u, v, _ordered(u, v, matrix.weights[around]), n)
+    alone = np.flatnonzero(heaviest >= 0)
     of[alone] = of[heaviest[alone]]
     # those whose heaviest neighbour is in no pair either
     rest = alone[of[alone] < 0]
@@ -206,6 +208,12 @@ def _heaviest(u: IntArray, v: IntArray, key: FloatArray, n: int) -> IntArray:
         # backwards, so that of equal keys the first counts
         found[u[hits][::-1]] = v[hits][::-1]
     return found
+
+
+def _ordered(u: IntArray, v: IntArray, weights: FloatArray) -> FloatArray:
+    """Return the weights of edges, equal ones ordered by a hash: a uniform grid has no long chain of proposals."""
+    keys: FloatArray = weights * (1 + 1e-6 * _hashed(u, v))
+    return keys
 
 
 def _hashed(u: IntArray, v: IntArray) -> FloatArray:
