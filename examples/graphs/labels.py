@@ -61,8 +61,9 @@ figure
 
 # %%
 # The halves of a rectangle that is filled evenly, with one label in the left half and five in the right. There is no
-# gap. At p = 2 a function has a spike at a single label and quickly falls to the value of most labels, unless
-# edges at labelled points count more; at p = 1.5 almost all points go to the class with five labels. At p = 4 the distance decides.
+# gap. At p = 2 a function has a spike at a single label and quickly falls to the value of most labels, unless edges at
+# labelled points count more; at p = 1.5 almost all points go to the class with five labels. At p = 4 the distance
+# decides.
 
 points = rng.uniform(0, 1, (500, 2)) * (2, 1)
 figure = experiment(points, (points[:, 0] > 1).astype(int), known=(1, 5))
