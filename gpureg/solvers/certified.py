@@ -33,8 +33,8 @@ _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
 _STILL = 4
 # Bytes of weights up to which matrices of a graph are made on the host.
 _HOST_EDGES = 1 << 28
-# A start from p = 2: maximal number of iterations, those between two looks, and the change at which they end, as a share
-# of the data's spread.
+# A start from p = 2: maximal number of iterations, those between two looks, and the change at which they end, as a
+# share of the data's spread.
 _SQUARES, _LOOK, _CHANGE = 1000, 3, 1e-4
 
 
