@@ -225,50 +225,6 @@ class Point:
         found: FloatArray = unit * (e.lam * (size + np.abs(e.f0)) + abs(e.adjoint) @ (steep * each))
         return found
 
-    def hessian(self, held: tuple[FloatArray, FloatArray] | None = None) -> csr_array:
-        """Compute the Hessian as a matrix of the values that are computed, vertex by vertex and channel by channel.
-
-        For p = 2 it is the matrix of one channel, as it is the same for all.
-
-        Parameters
-        ----------
-        held : (groups,) array and (D, m) array, optional
-            A factor and a function y: -1/2 factor (y <df, .> + df <y, .>) instead of bend df <df, .>, the linearised
-            system of a primal-dual step.
-        """
-        from scipy.sparse import csr_array, diags_array, kron
-
-        e, m = self.energy, self.f.shape[1]
-        inner = csr_array(e.adjoint @ (diags_array(e.share * self.c[e.group]) @ e.matrix))
-        inner = csr_array(inner + diags_array(e.lam[:, 0]))
-        if e.p == 2:
-            chosen = np.flatnonzero(e.solved)
-            return csr_array(inner[chosen][:, chosen])
-        whole = inner if m == 1 else csr_array(kron(inner, diags_array(np.ones(m))))
-        if self.df.size:
-            along = self._along(self.df)
-            if held is None:
-                whole = whole + along.T @ (diags_array(e.share * self.bend) @ along)
-            else:
-                turned = along.T @ (diags_array(-held[0] / 2) @ self._along(held[1]))
-                whole = whole + turned + turned.T
-        chosen = np.flatnonzero(np.repeat(e.solved, m))
-        found: csr_array = csr_array(whole)[chosen][:, chosen]
-        return found
-
-    def _along(self, x: FloatArray) -> csr_array:
-        """Return the matrix of h -> <x, dh> summed over each group, (groups, n m), for x (D, m)."""
-        from scipy.sparse import coo_array
-
-        e, (n, m) = self.energy, self.f.shape
-        row = np.arange(len(x)) if e.on.edge_norm else e.start
-        channel = np.arange(m)
-        rows = np.broadcast_to(row[:, None], x.shape).ravel()
-        values = np.concatenate([(x * e.other[:, None]).ravel(), (-x * e.own[:, None]).ravel()])
-        columns = np.concatenate([(ends[:, None] * m + channel).ravel() for ends in (e.end, e.start)])
-        shape = (len(self.q), n * m)
-        return coo_array((values, (np.concatenate([rows, rows]), columns)), shape=shape).tocsr()
-
     def spread_out(self, x: FloatArray) -> FloatArray:
         """Return a function (n, m) with these numbers at the values that are computed, and 0 elsewhere."""
         out = np.zeros(self.f.shape)
