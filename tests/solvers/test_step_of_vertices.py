@@ -52,7 +52,7 @@ def test_minimum_around_each_vertex():
         x = cases.rng(7).random((graph.n_vertices, 1))
         stored = graph.to_graph() if isinstance(graph, gr.GridGraph) else graph
         near = np.split(stored.indices, stored.indptr[1:-1])
-        expected = [[min(x[u, 0], *x[vs, 0])] for u, vs in enumerate(near)]
+        expected = [[min([x[u, 0], *x[vs, 0]])] for u, vs in enumerate(near)]
         np.testing.assert_array_equal(smallest_around(graph, x), expected)
 
 
