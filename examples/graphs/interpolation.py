@@ -25,8 +25,8 @@ graph = gr.knn_graph(points, 10)
 near = gr.weights.inverse_distance()
 
 # %%
-# Each result has a bound: ``gap`` on the energy above its minimum. For p = infinity the energy is the largest slope, and
-# no function with these values has one smaller by more than the gap.
+# Each result has a bound: ``gap`` on the energy above its minimum. For p = infinity the energy is the largest slope,
+# and no function with these values has one smaller by more than the gap.
 
 figure = Figure(figsize=(11, 5.6), layout="constrained")
 for axes, p in zip(figure.subplots(2, 2).ravel(), (1.5, 2, 3, math.inf), strict=True):
