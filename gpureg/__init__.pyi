@@ -49,6 +49,7 @@ from .regions.partition import energy_partition
 from .regions.regions import Regions
 from .regions.simplify import simplify_image
 from .regions.values import region_values
+from .regularization.interpolate import interpolate
 from .regularization.labels import propagate_labels
 from .regularization.path import Path, regularization_path
 from .regularization.regularize import regularize
@@ -103,6 +104,7 @@ __all__ = [
     "face_graph",
     "from_networkx",
     "inpaint_image",
+    "interpolate",
     "knn_graph",
     "memory_needed",
     "mesh_graph",

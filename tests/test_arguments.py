@@ -50,6 +50,7 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
         (gr.regularize(F0, GRAPH, max_iter=2, backend="numpy"), lambda value: value),
         {"unrolled": 2},
     ),
+    "interpolate": (gr.interpolate, (F0, GRAPH), ON | {"known": LABELS >= 0}),
     "propagate_labels": (gr.propagate_labels, (LABELS, GRAPH), ON | {"max_iter": 2}),
     "memory_needed": (gr.memory_needed, (GRID,), ON),
     "denoise_image": (gr.denoise_image, (IMAGE,), ON),

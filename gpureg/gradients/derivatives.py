@@ -127,10 +127,11 @@ def derivatives(
     Where the sweeps converge and are many, the derivatives of both are the same. With few sweeps they differ, as the
     sweeps end elsewhere: then `unrolled` has those of what the sweeps compute, and the other ones those of the
     minimiser, whatever solver found the result. For p < 1, where minimisers are many and local, only sweeps have
-    derivatives. Only the damping None depends on p, for p > 2.
+    derivatives. For p > 2 the default damping 1/(p - 1) depends on p, which the derivative with respect to p includes.
 
-    Weights of an object of :mod:`gpureg.weights` count as constants, also where they were computed from the data. In a
-    connected part of the graph without data any constant is a minimiser: all derivatives through it count 0.
+    Weights of an object of :mod:`gpureg.weights` count as constants, also where they were computed from the data. They
+    are computed again: a guide must still be as it was. In a connected part of the graph without data any constant is a
+    minimiser: all derivatives through it count 0.
 
     Examples
     --------

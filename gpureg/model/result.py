@@ -23,6 +23,11 @@ class Stop(enum.Enum):
     ROUNDING = "The changes fell to the rounding of the floating-point type before the error fell to the tolerance."
     GAP = "The duality gap fell to the tolerance."
     GAP_NO_DATA = "The duality gap fell to the tolerance. Components without data are set to a constant, see `method`."
+    BALANCED = "The steepest slopes up and down are equal at each vertex, to the tolerance (p = infinity)."
+    BALANCED_NO_DATA = (
+        "The steepest slopes up and down are equal at each vertex, to the tolerance (p = infinity). Components without "
+        "data are set to a constant, see `method`."
+    )
     PRECISION = "The duality gap falls no further: the floating-point type allows no smaller one."
     CALLBACK = "The callback asked to stop."
     INTERRUPTED = "The run was interrupted; the value is the last whole iterate."

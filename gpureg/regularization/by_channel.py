@@ -41,7 +41,8 @@ def by_channel(
     if start.shape != data.shape:
         raise ValueError(f"initial must have the shape of f0, {np.shape(f0)}, got {start.shape}")
     if isinstance(weights, Weights) and not isinstance(weights, Constant):
-        weights = Guided(weights.on(graph), data)
+        # a copy, as results keep it
+        weights = Guided(weights.on(graph), data.copy())
     value: FloatArray = start.copy()
     results: list[Result] = []
 

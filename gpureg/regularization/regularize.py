@@ -6,6 +6,7 @@ import gc
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ from ..solvers.loop import Callback, Outcome
 from ..weights import Weights
 from .by_channel import by_channel
 from .lent import regularize_lent
+from .lipschitz import is_limit, regularize_lipschitz
 from .results import as_given, as_run, result_of, value_of
 from .tiled import Cutting, run_in_tiles
 from .tiling import Tiling
@@ -67,7 +69,8 @@ def regularize(
         The graph of n vertices; or a symmetric sparse matrix of weights of scipy, or a graph of networkx, whose loops
         are left out with a warning.
     p : float, default 2
-        Degree of regularity > 0: 2 is Tikhonov, 1 total variation; near 0 the result is piecewise constant.
+        Degree of regularity > 0: 2 is Tikhonov, 1 total variation; near 0 the result is piecewise constant. Infinity,
+        with norm="edge" and solver="certified", gives the absolutely minimal Lipschitz extension of pinned values.
     lam : float or array, default 1
         Fidelity >= 0, a number or one value per vertex. Larger values stay closer to the data; 0 means no data at a
         vertex, infinity pins it to the data.
@@ -150,7 +153,9 @@ def regularize(
     with the gradient norm smoothed by eps (eq. 15). For the edge norm the first term is
     1/(2 p) sum_u sum_v |d_w(f)(u, v)|^p (eq. 30), with smoothed differences. For p < 1 the energy is not convex: the
     result is a local minimum, which depends on `initial` and the solver, without a bound on the distance from the
-    global minimum.
+    global minimum. p = infinity minimises the largest slope |d_w(f)(u, v)| for values with lam infinite, and lam 0 at
+    all other vertices, then the largest of the other slopes, and so on, for each channel by itself; ``energy`` is the
+    largest slope and ``gap`` how far it is above the least Lipschitz constant, `max_iter` counts linear systems.
 
     Examples
     --------
@@ -167,12 +172,16 @@ def regularize(
     begin = time.perf_counter()
     graph = as_graph(graph, degrees=uses_degrees(gamma))
     method = resolve(solver)
-    max_iter, tol, kind = as_run(method, max_iter, tol, dtype, callback, progress)
     data: object = f0
+    given: dict[str, Any] = {"p": p, "lam": lam, "weights": weights, "gamma": gamma, "norm": norm, "eps": eps}
+    given |= {"coupled": coupled, "update_weights": update_weights, "initial": initial, "max_iter": max_iter}
+    given |= {"tol": tol, "backend": backend, "callback": callback, "progress": progress, "memory": memory}
+    if is_limit(p):
+        host = data.to_host() if isinstance(data, Lent) else f0
+        return regularize_lipschitz(host, graph, method, given | {"dtype": dtype})
+    max_iter, tol, kind = as_run(method, max_iter, tol, dtype, callback, progress)
     if isinstance(data, Lent):
-        given: dict[str, object] = {"p": p, "lam": lam, "weights": weights, "gamma": gamma, "norm": norm, "eps": eps}
-        given |= {"coupled": coupled, "update_weights": update_weights, "initial": initial, "max_iter": max_iter}
-        given |= {"tol": tol, "backend": backend, "callback": callback, "progress": progress, "memory": memory}
+        given |= {"max_iter": max_iter, "tol": tol}
         direct = regularize_lent(data, graph, method, given | {"dtype": None if dtype is None else kind})
         if direct is not None:
             return direct

@@ -17,7 +17,7 @@ from ..model.result import Stop
 from .box import inside, with_box
 from .dual import Dual, hidden
 from .linear import Linear
-from .loop import Course, S, Solver, changed, run
+from .loop import Course, S, Solver, changed
 from .newton import Newton
 from .primal_dual import PrimalDual
 from .stopping import largest_value
@@ -32,8 +32,9 @@ _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
 _STILL = 4
 # Bytes of weights up to which matrices of a graph are made on the host.
 _HOST_EDGES = 1 << 28
-# Maximal number of iterations at p = 2 for a start.
-_SQUARES = 1000
+# A start from p = 2: maximal number of iterations, those between two looks, and the change at which they end, as a
+# share of the data's spread.
+_SQUARES, _LOOK, _CHANGE = 1000, 3, 1e-4
 
 
 @dataclass(frozen=True)
@@ -179,9 +180,13 @@ class Certified(Solver[_State]):
             # no method can reach a tolerance below the rounding of the gap
             rounding = problem.p * float(np.finfo(backend.dtype).eps)
             within = course.tol is not None and course.tol > rounding
-            if within and _remaining(course, gap) > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
+            # at p = 2 Newton's method is the linear system again
+            within = within and not isinstance(state.method, Linear)
+            left = _remaining(course, gap)
+            if within and left > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
-                before = f"{state.before}{state.method.describe(inner)} ({course.checks[-1]} iterations), then "
+                rate = "the gap did not fall" if math.isinf(left) else f"about {left:.2g} more were left at their rate"
+                before = f"{state.before}{state.method.describe(inner)} ({course.checks[-1]} iterations; {rate}), then "
                 return _State(newton, newton.start(problem, inner.f), len(course.checks), before, bound), gap
         return state, gap
 
@@ -220,9 +225,15 @@ class Certified(Solver[_State]):
 
 def _of_squares(problem: DeviceProblem, initial: Array) -> tuple[Array, str]:
     """Return the solution of the same problem with p = 2, about, and what was done."""
-    squares = problem.changed(replace(problem.problem, p=2.0, eps=0.0))
-    found = run(squares, Linear(), initial, max_iter=_SQUARES, tol=1e-4, callback=None, report=lambda _: None)
-    return found.f, f"From the solution for p = 2 ({found.iterations} iterations): "
+    # without the box, which only a certificate needs
+    squares = replace(problem.changed(replace(problem.problem, p=2.0, eps=0.0)), box=None)
+    linear, done = Linear(), 0
+    state, still = linear.start(squares, initial), _CHANGE * problem.problem.spread
+    while done < _SQUARES:
+        state, done = linear.advance(squares, state), done + 1
+        if done % _LOOK == 0 and not squares.change(state.f, state.previous) > still:
+            break
+    return state.f, f"From the solution for p = 2 ({done} iterations): "
 
 
 def _remaining(course: Course, gap: float) -> float:

@@ -14,7 +14,8 @@ from gpureg.doors import door
 GRID = gr.GridGraph(IMAGE.shape)
 # Calls of the table whose results are or hold arrays, besides histories and graphs.
 WITH_ARRAYS = {
-    "regularize", "regularization_path", "propagate_labels", "denoise_image", "denoise_nl_means", "denoise_bilateral",
+    "regularize", "regularization_path", "interpolate", "propagate_labels", "denoise_image", "denoise_nl_means",
+    "denoise_bilateral",
     "denoise_tv", "inpaint_image", "simplify_image", "energy_partition", "region_values", "sources.extrema",
     "denoise_mesh", "simplify_mesh", "segment_mesh", "denoise_points", "cluster_points", "point_patches",
     "denoise_curve", "simplify_curve", "gradient_norm", "p_laplacian", "curvature", "laplacian", "spectral_filter",
