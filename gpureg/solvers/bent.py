@@ -57,7 +57,8 @@ class Memory:
     def empty(cls, problem: DeviceProblem) -> Memory:
         """Allocate the memory."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
-        return cls(*(backend.empty(graph, m) for _ in range(6)), backend.numbers(3))
+        gradient, h, residual, direction, product, solved = (backend.empty(graph, m) for _ in range(6))
+        return cls(gradient, h, residual, direction, product, solved, backend.numbers(3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,5 +115,5 @@ def raised(q: FloatArray, power: float, least: float) -> FloatArray:
 
 def _around(edges: Edges, at_u: FloatArray, at_v: FloatArray, n: int) -> FloatArray:
     """Sum numbers of the edges, (E,), at both ends, (n,)."""
-    found: FloatArray = np.bincount(edges.u, at_u, minlength=n) + np.bincount(edges.v, at_v, minlength=n)
-    return found
+    found = np.bincount(edges.u, at_u, minlength=n) + np.bincount(edges.v, at_v, minlength=n)
+    return found.astype(np.float64)

@@ -37,7 +37,8 @@ _DECREASE, _HALVINGS = 1e-4, 30
 _FORCING = 0.01
 # If the problem has no smoothing: what that of the steps may add to the energy, as a share of the gap.
 _PART = 0.1
-# Below, a start needs no steps for another p. Of these, at most so many, until one would lower the energy by this share.
+# Up to this p a start needs no steps for another p. Of these, at most so many each, until one promises to lower the
+# energy by less than this share.
 _EASY, _WARM, _FALLS = 3.0, 10, 0.01
 
 
@@ -88,8 +89,8 @@ class Newton(Solver[_State]):
 
     def _warm(self, problem: DeviceProblem, state: _State) -> _State:
         """Do steps for p = 3, 6, 12, ... below the problem's, each from the last one."""
-        p = 2 * _EASY / 2
-        while p < problem.p and problem.p > _EASY:
+        p = _EASY
+        while p < problem.p:
             model, f = replace(_model(problem), p=p), state.here
             for _ in range(_WARM):
                 state = replace(self._step(state, model), warm=state.warm + 1)

@@ -297,3 +297,23 @@ def test_wrong_methods(method) -> None:
 
 def test_it_is_a_solver() -> None:
     assert isinstance(gr.Certified(), Solver)
+
+
+@pytest.mark.parametrize("norm", ["vertex", "edge"])
+def test_newton_at_a_large_p(norm: str) -> None:
+    """Powers that fall to 0 in flat parts neither stop the steps nor make NaN: p = 40, values known at one in three."""
+    graph, rng = gr.GridGraph((12, 9)), np.random.default_rng(5)
+    f0 = rng.random(graph.shape)
+    lam = np.where(rng.random(graph.shape) < 0.3, np.inf, 0)
+    given = {"lam": lam, "norm": norm, "backend": "numpy", "dtype": np.float64}
+    found = gr.regularize(f0, graph, p=40, solver=gr.Certified(method="newton", tol=1e-6), **given)
+    assert found.stop is gr.Stop.GAP and np.isfinite(found.value).all()
+    assert "smaller p" in found.method
+    # for a large p the largest slope counts: it is not above that of p = 6
+    before = gr.regularize(f0, graph, p=6, solver="certified", **given)
+
+    def largest(value: np.ndarray) -> float:
+        of = gr.operators.gradient_norm if norm == "vertex" else gr.operators.difference
+        return float(np.abs(of(value, graph)).max())
+
+    assert largest(found.value) <= largest(before.value) * (1 + 1e-6)
