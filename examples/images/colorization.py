@@ -44,20 +44,22 @@ print(f"colour is known at {100 * np.mean(lam > 0):.1f} percent of the pixels")
 # %%
 # Two channels of chrominance on the grid of nearest neighbours. ``weights.guided`` takes the weights from the
 # luminance, not from the function that is regularized. With constant weights, for comparison, colours cross all
-# borders.
+# borders. ``solver="certified"`` finds the minimiser; its energy is at most the duality gap above the minimum.
 
 chroma = np.where(lam[..., None] > 0, color.rgb2yuv(scribbles)[..., 1:], 0)
 weights = gr.weights.guided(gr.weights.bilateral(np.inf, 0.05), luminance.ravel())
+minimiser = {"lam": lam, "solver": "certified", "tol": 1e-6}
 found = {
-    "constant weights": gr.regularize(chroma, gr.GridGraph(lam.shape), lam=lam, max_iter=3000),
-    "from the luminance": gr.regularize(chroma, gr.GridGraph(lam.shape), lam=lam, weights=weights, max_iter=3000),
+    "constant weights": gr.regularize(chroma, gr.GridGraph(lam.shape), **minimiser),
+    "from the luminance": gr.regularize(chroma, gr.GridGraph(lam.shape), weights=weights, **minimiser),
 }
 
 panels = {"given": scribbles}
 for title, result in found.items():
     yuv = np.concatenate([luminance[..., None], result.value], axis=-1)
     panels[title] = np.clip(color.yuv2rgb(yuv), 0, 1)
-    print(f"{title}: root mean square error {np.sqrt(np.mean((panels[title] - original) ** 2)):.4f}")
+    error = np.sqrt(np.mean((panels[title] - original) ** 2))
+    print(f"{title}: root mean square error {error:.4f}, gap {result.gap / result.energy[-1]:.0e} of the energy")
 panels["the original"] = original
 
 figure = Figure(figsize=(14, 4), layout="constrained")

@@ -55,6 +55,16 @@ def test_linear_pictures_come_back(p: float, norm: str) -> None:
     assert np.abs(filled - slope).max() < (1e-3 if p > 1 else 8)
 
 
+def test_the_lipschitz_fill_of_a_slope() -> None:
+    """At p = inf the norm is that of edges, and a slope is its own absolutely minimal extension."""
+    slope = np.add.outer(np.arange(9.0), 2 * np.arange(10.0))
+    mask = np.zeros(slope.shape, bool)
+    mask[3:6, 4:8] = True
+    filled, result = gr.inpaint_image(np.where(mask, 0, slope), mask, p=np.inf, return_result=True, backend="numpy")
+    assert np.abs(filled - slope).max() < 1e-5
+    assert result.stop is gr.Stop.BALANCED
+
+
 def test_kinds_of_image() -> None:
     """uint8 rounded and clipped, colour on any axis, only the hole is touched, the input is not."""
     image = (cases.rng(7).random((19, 22, 3)) * 255).astype(np.uint8)
@@ -89,19 +99,19 @@ def test_weights_and_updates() -> None:
 @pytest.mark.parametrize("weights", [None, gr.weights.bilateral(2.0, 0.3), gr.weights.patch(2, 1.0)])
 def test_no_more_of_the_image_than_matters(p: float, weights: gr.weights.Weights | None) -> None:
     """The window around a hole gives what the whole image does: a mask of two far corners takes all of it."""
-    image = cases.rng(5).random((60, 70))
+    image = cases.rng(5).random((32, 38))
     near, corners = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
-    near[28:33, 30:36] = True
+    near[14:19, 16:22] = True
     corners[0, 0] = corners[-1, -1] = True
-    settings = {"p": p, "weights": weights, "radius": 2, "eps": 1e-2, "tol": 1e-12 if p == 2 else 1e-9}
+    settings = {"p": p, "weights": weights, "radius": 2, "eps": 1e-2, "tol": 1e-12 if p == 2 else 1e-8}
     settings |= {"backend": "numpy", "dtype": "float64"}
     window = gr.inpaint_image(image, near, **settings)
     whole = gr.inpaint_image(image, near | corners, **settings)
-    # Both stop at a gap of 1e-12 of the energy, 1e2: an error of 1e-5 in total at most, measured 2e-7.
-    assert np.abs(window - whole)[near].max() < 1e-6
+    # Both stop at a gap of 1e-12 (p = 2) or 1e-8 of the energy, 1e2: measured 2e-7 and 2e-6.
+    assert np.abs(window - whole)[near].max() < 1e-5
     # so that the above can fail: a window without its rim is another problem
-    cut = gr.inpaint_image(image[27:34, 29:37], near[27:34, 29:37], **settings)
-    assert np.abs(cut - window[27:34, 29:37]).max() > 1e-4
+    cut = gr.inpaint_image(image[13:20, 15:23], near[13:20, 15:23], **settings)
+    assert np.abs(cut - window[13:20, 15:23]).max() > 1e-4
 
 
 def test_a_guide_tells_where_colours_end() -> None:
@@ -150,7 +160,7 @@ def test_pixels_that_hang_by_a_thread() -> None:
     weights = gr.weights.guided(gr.weights.bilateral(np.inf, 0.02), image)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        filled = gr.inpaint_image(np.where(known, image, 0), ~known, radius=1, weights=weights, max_iter=200)
+        filled = gr.inpaint_image(np.where(known, image, 0), ~known, radius=1, weights=weights)
     assert image[known].min() <= filled.min() and filled.max() <= image[known].max() + 1e-6
     plain = gr.inpaint_image(np.where(known, image, 0), ~known)
     # a guide that knows the picture does better than none

@@ -56,6 +56,16 @@ def test_larger_p(norm: str, gamma: str) -> None:
     assert np.array_equal(result.value, scores)
 
 
+def test_infinite_p() -> None:
+    """On a path the scores of the Lipschitz extension are straight between labels."""
+    graph = gr.Graph.from_edges([[k, k + 1] for k in range(8)])
+    labels = np.array([0, -1, -1, -1, 1, -1, -1, -1, 2])
+    found, scores = gr.propagate_labels(labels, graph, p=np.inf, return_scores=True, **ORACLE)
+    assert np.abs(scores[:5, 0] - [1, 0.75, 0.5, 0.25, 0]).max() < 1e-9
+    assert np.abs(scores.sum(axis=1) - 1).max() < 1e-9
+    assert found.tolist() == [0, 0, 0, 1, 1, 1, 1, 2, 2]  # a tie goes to the smaller label
+
+
 def test_grid_and_types() -> None:
     grid = gr.GridGraph((7, 9))
     labels = np.full((7, 9), -1, np.int16)
