@@ -14,7 +14,6 @@ from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
-from . import multigrid
 from .box import inside, with_box
 from .dual import Dual, hidden
 from .linear import Linear
@@ -70,12 +69,12 @@ class Certified(Solver[_State]):
         Stop once the gap is at most this share of the energy.
     method : {"auto", "dual", "primal-dual", "linear", "newton"}, default "auto"
         "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
-        transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
-        proximal gradient steps on the dual problem, on the device, for lam > 0. "primal-dual": proximal steps on f and
-        on the dual variable in turn, on the device, for any lam. "newton": a few expensive primal-dual Newton steps
-        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual";
-        where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first
-        method would be slow (for a small lam) and pyamg is installed.
+        transforms on a grid without mask and weights if lam is a number, otherwise by multigrid or, where lam is large,
+        by the diagonal. "dual": accelerated proximal gradient steps on the dual problem, for lam > 0. "primal-dual":
+        proximal steps on f and on the dual variable in turn, for any lam. "newton": a few expensive primal-dual Newton
+        steps with multigrid, in float64 if the device has it. "auto" begins with "linear" for p = 2, otherwise with
+        "dual"; where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the
+        first method would be slow (for a small lam). All are on the device.
 
     Raises
     ------
@@ -179,7 +178,7 @@ class Certified(Solver[_State]):
         gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)
         state = replace(state, inner=inner, bound=bound)
-        if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
+        if self.method == "auto" and not isinstance(state.method, Newton):
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
             # no method can reach a tolerance below the rounding of the gap
