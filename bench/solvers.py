@@ -29,7 +29,7 @@ def forward_tv(u: Image, f0: Image, weight: float) -> float:
     return float(np.sqrt(down**2 + right**2).sum() + ((u - f0).astype(np.float64) ** 2).sum() / (2 * weight))
 
 
-def _fewest(chambolle: Any, f0: Image, weight: float, share: float, most: int) -> int:
+def chambolle_steps(chambolle: Any, f0: Image, weight: float, share: float, most: int) -> int:
     """Iterations after which the functional is within `share` of its minimum."""
     least = forward_tv(chambolle(f0.astype(np.float64), weight=weight, eps=0, max_num_iter=most), f0, weight)
     low, high = 1, most
@@ -52,7 +52,7 @@ def total_variation(setup: Setup) -> Iterator[Case]:
         entries = [missing(CHAMBOLLE)]
         if restoration is not None:
             chambolle, weight = restoration.denoise_tv_chambolle, KAPPA / lam
-            steps = _fewest(chambolle, f0, weight, share, most)
+            steps = chambolle_steps(chambolle, f0, weight, share, most)
             run = functools.partial(chambolle, f0, weight=weight, eps=0, max_num_iter=steps)
             entries = [Entry(CHAMBOLLE, run, is_peer=True, note=f"{steps} iterations, one thread")]
         for device in setup.devices:

@@ -18,6 +18,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from .duality import Duality
 from .types import Array, Smoothness, Weighted
 
@@ -47,6 +50,11 @@ class Bend:
     g: Array | None = None
     products: Array | None = None
     floor: float = 0.0
+
+
+def least_square(dtype: npt.DTypeLike) -> float:
+    """Return the least q that counts in a type, so that no quotient overflows."""
+    return 1e-290 if np.dtype(dtype) == np.float64 else 1e-30
 
 
 class Curvature(Duality):

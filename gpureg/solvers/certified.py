@@ -14,7 +14,6 @@ from ..doors import door
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from ..model.result import Stop
-from . import multigrid
 from .box import inside, with_box
 from .dual import Dual, hidden
 from .linear import Linear
@@ -29,6 +28,10 @@ METHODS: dict[str, type[Solver]] = {"dual": Dual, "primal-dual": PrimalDual, "li
 # Newton's method takes over if more iterations than this are needed: at 512 x 512 it takes 3 to 5 s, as long as 300
 # iterations in numpy or 2000 compiled ones.
 _WORTH, _WORTH_COMPILED = {"numpy": 300}, 2000
+# At p = 1 a primal-dual step is cheap and Newton takes 11 steps instead of 3 to 5: as long as so many times more.
+_CHEAP = 4
+# Iterations before the rate of a method is known. Primal-dual steps begin slowly.
+_KNOWN, _KNOWN_PRIMAL_DUAL = 50, 200
 # Machine epsilons of the largest value by which rounding changes a converged f: measured up to 2.
 _STILL = 4
 # Bytes of weights up to which matrices of a graph are made on the host.
@@ -66,12 +69,12 @@ class Certified(Solver[_State]):
         Stop once the gap is at most this share of the energy.
     method : {"auto", "dual", "primal-dual", "linear", "newton"}, default "auto"
         "linear": only for p = 2, a linear system; conjugate gradients on the device, preconditioned by cosine
-        transforms on a grid without mask and weights if lam is a number, otherwise by the diagonal. "dual": accelerated
-        proximal gradient steps on the dual problem, on the device, for lam > 0. "primal-dual": proximal steps on f and
-        on the dual variable in turn, on the device, for any lam. "newton": a few expensive primal-dual Newton steps
-        on the host, with algebraic multigrid (pyamg). "auto" begins with "linear" for p = 2, otherwise with "dual";
-        where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the first
-        method would be slow (for a small lam) and pyamg is installed.
+        transforms on a grid without mask and weights if lam is a number, otherwise by multigrid or, where lam is large,
+        by the diagonal. "dual": accelerated proximal gradient steps on the dual problem, for lam > 0. "primal-dual":
+        proximal steps on f and on the dual variable in turn, for any lam. "newton": a few expensive primal-dual Newton
+        steps with multigrid, in float64 if the device has it. "auto" begins with "linear" for p = 2, otherwise with
+        "dual"; where lam has zeros, with "primal-dual" for p < 2 and "newton" for p > 2. It changes to "newton" if the
+        first method would be slow (for a small lam). All are on the device.
 
     Raises
     ------
@@ -175,7 +178,7 @@ class Certified(Solver[_State]):
         gap = min(gap, max(energy - state.bound, 0.0) + hidden(problem, energy))
         bound = max(state.bound, energy - gap)
         state = replace(state, inner=inner, bound=bound)
-        if self.method == "auto" and not isinstance(state.method, Newton) and multigrid.is_there():
+        if self.method == "auto" and not isinstance(state.method, Newton):
             backend, graph = problem.backend, problem.weighted.graph
             patience = _WORTH.get(backend.name, _WORTH_COMPILED)
             # no method can reach a tolerance below the rounding of the gap
@@ -183,7 +186,10 @@ class Certified(Solver[_State]):
             within = course.tol is not None and course.tol > rounding
             # at p = 2 Newton's method is the linear system again
             within = within and not isinstance(state.method, Linear)
-            left = _remaining(course, gap)
+            steps_of_both = isinstance(state.method, PrimalDual)
+            if steps_of_both and problem.p == 1:
+                patience *= _CHEAP
+            left = _remaining(course, gap, _KNOWN_PRIMAL_DUAL if steps_of_both else _KNOWN)
             if within and left > patience and backend.edge_bytes(graph) <= _HOST_EDGES:
                 newton = Newton()
                 rate = "the gap did not fall" if math.isinf(left) else f"about {left:.2g} more were left at their rate"
@@ -237,10 +243,13 @@ def _of_squares(problem: DeviceProblem, initial: Array) -> tuple[Array, str]:
     return state.f, f"From the solution for p = 2 ({done} iterations): "
 
 
-def _remaining(course: Course, gap: float) -> float:
-    """Estimate the remaining iterations to the tolerance, from the rate of the second half of those done."""
+def _remaining(course: Course, gap: float, known: int) -> float:
+    """Estimate the remaining iterations to the tolerance, from the rate of the second half of those done.
+
+    It is 0 as long as fewer than `known` are done.
+    """
     done = course.checks[-1]
-    if done < 50 or not course.tol:
+    if done < known or not course.tol:
         return 0.0
     target = course.tol * course.energies[-1]
     half = max(k for k, at in enumerate(course.checks[:-1]) if 2 * at <= done)

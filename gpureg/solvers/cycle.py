@@ -15,6 +15,8 @@ from .levels import Coarsening
 
 # The relaxation of the Jacobi sweeps.
 OMEGA = 2 / 3
+# What is added to the diagonal of the last level for each of its vertices, as a share.
+_ROUNDINGS = 64 * float(np.finfo(np.float64).eps)
 # The levels whose system is solved by two cycles x and y, as _FIRST x + _SECOND y with y for the residual of _FIRST x.
 # If M is the matrix of a cycle, this multiplies by q(M A) M, q(t) = 3.2 - 2.4 t: symmetric, positive for eigenvalues of
 # M A below 1.33, as they all are, and flatter than M alone over [0.1, 1]. It takes no products of vectors, costs a
@@ -122,6 +124,8 @@ class Cycle:
             diagonal = (sums + 2 * below.degree())[:, None]
         if not coarse:
             return cls(graph, [], over, None, over)
+        # a matrix that is singular to working precision must not get an inverse of rounding errors
+        diagonal = diagonal * (1 + _ROUNDINGS * len(diagonal))
         inverse = np.linalg.inv(coarse[-1].graph.to_scipy().toarray() * -2 + np.diag(diagonal[:, 0]))
         complete = _complete(inverse / -2)
         last = backend.prepare(complete, complete.weights)

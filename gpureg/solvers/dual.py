@@ -6,7 +6,7 @@ The minimiser is f = f0 - d*y / lam for the function y on the directed edges tha
 
 with phi(t) = (t^2 + eps^2)^(p/2) / p (edge norm: the conjugate of phi/2 on every edge). The first part is separable and
 the rest smooth: FISTA (Beck and Teboulle 2009), restarted whenever D falls (O'Donoghue and Candes 2015), which makes
-the convergence linear where phi is smooth.
+the convergence linear where phi is smooth. Where lam or the degrees vary, each vertex has a step length of its own.
 """
 
 from __future__ import annotations
@@ -16,10 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..backends import Array, Backend, Recorded, in_turns
+from ..graphs.grid import AnyGraph, GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
 from .loop import Course, Solver, changed
+
+# A step length per vertex is used where the median is this many times the minimum: it costs a read per vertex or edge.
+_VARIES = 1.25
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class _State:
     y: Array
     y_previous: Array
     p: float  # y is a dual variable for this p
-    sigma: float
+    sigma: float | Array  # a number or (n, 1)
     unit: float  # of lam and sigma
     turns: tuple[Recorded, Recorded]  # the next iteration, and the one after it
     t: float = 1.0  # momentum
@@ -96,10 +101,13 @@ class Dual(Solver[_State]):
     def describe(self, state: _State) -> str:
         """Describe the process, and its number of restarts."""
         again = f", begun anew {state.restarts} time(s)" if state.restarts else ""
-        return f"Accelerated proximal gradient on the dual problem, step {state.sigma / state.unit:.6g}{again}"
+        step = f"step {state.sigma / state.unit:.6g}" if isinstance(state.sigma, float) else "a step length per vertex"
+        return f"Accelerated proximal gradient on the dual problem, {step}{again}"
 
 
-def _begun(problem: DeviceProblem, f: Array, previous: Array, y: Array, y_previous: Array, sigma: float) -> _State:
+def _begun(
+    problem: DeviceProblem, f: Array, previous: Array, y: Array, y_previous: Array, sigma: float | Array
+) -> _State:
     """Return the state before the first step."""
 
     def step(backend: Backend, here: tuple[Array, Array], there: tuple[Array, Array], beta: float) -> None:
@@ -143,26 +151,53 @@ def duality_gap(problem: DeviceProblem, f: Array, y: Array, energy: float) -> fl
     return max(gap + rounding, 0.0)
 
 
-def step_size(problem: DeviceProblem) -> float:
-    """Compute the step 1/(4 max_u sum_v gamma(u, v)^2 / lam(u)), which is at most 1/|d lam^(-1/2)|^2.
+def step_size(problem: DeviceProblem) -> float | Array:
+    """Compute the step sigma: a number, or (n, 1) on the device where this is much larger at most vertices.
 
-    |d x|^2 = sum over the directed edges of (gamma_vu x(v) - gamma_uv x(u))^2 <= 4 sum_u x(u)^2 sum_v gamma_uv^2.
+    With D(w) = sum_v gamma(w, v)^2, and with sigma(u) for the edges that start at u,
+
+        sum over directed edges of sigma(u) (x(v) gamma_vu/sqrt(lam(v)) - x(u) gamma_uv/sqrt(lam(u)))^2
+            <= sum_w x(w)^2 4 D(w)/lam(w) max of sigma over w and its neighbours
+
+    This is at most |x|^2 if sigma(u) is the minimum of lam(w)/(4 D(w)) over u and its neighbours; with the edge norm
+    an edge has the minimum of both its ends, which the primitive takes. The number is the minimum over all vertices.
     """
     graph, backend = problem.weighted.graph, problem.backend
-    degree = backend.get(graph, backend.degree(problem.weighted))[:, 0].astype(np.float64)
-    lam = problem.lam if isinstance(problem.lam, float) else backend.get(graph, problem.lam)[:, 0].astype(np.float64)
-    largest = float(np.max(degree / lam, initial=0))
-    return 1 / (4 * largest * (1 + 1e-6)) if largest > 0 else 1.0
+    degree = backend.get(graph, backend.degree(problem.weighted)).astype(np.float64)
+    lam = problem.lam if isinstance(problem.lam, float) else backend.get(graph, problem.lam).astype(np.float64)
+    # lam is infinite at pinned vertices: they take no part, nor do vertices without edges
+    bound = np.where(degree > 0, lam / (4 * (1 + 1e-6) * np.where(degree > 0, degree, 1)), np.inf)
+    least = float(np.min(bound, initial=np.inf))
+    if not math.isfinite(least):
+        return 1.0
+    own = bound if problem.edge_norm else smallest_around(graph, bound)
+    # a pinned vertex takes any number; no step is more than 1e6 times another, so that digits are left
+    own = np.minimum(own, 1e6 * least)
+    return backend.put(graph, own) if float(np.median(own)) > _VARIES * least else least
+
+
+def smallest_around(graph: AnyGraph, x: FloatArray) -> FloatArray:
+    """Compute the minimum of x, (n, 1), over each vertex and its neighbours."""
+    found = x.copy()
+    if isinstance(graph, GridGraph):
+        given, least = x.reshape(graph.shape), found.reshape(graph.shape)
+        for step in graph.offsets:
+            start, end = graph.ends(step)
+            np.minimum(least[start], given[end], out=least[start])
+        return found
+    np.minimum.at(found[:, 0], graph.edge_rows(), x[graph.indices, 0])
+    return found
 
 
 def _from_slopes(
-    problem: DeviceProblem, initial: Array, y: Array, other: Array, f: Array, sigma: float
+    problem: DeviceProblem, initial: Array, y: Array, other: Array, f: Array, sigma: float | Array
 ) -> tuple[Array, Array, Array]:
     """Return y from the slopes of `initial`, (n, m), or y = 0, whichever has the smaller gap; a buffer; and its f."""
     backend, weighted = problem.backend, problem.weighted
     without = problem.duality_gap(f, y)
     # a long proximal step ends at the slope; 100 step lengths are long enough and keep enough digits
-    backend.dual_step(weighted, y, other, initial, initial, problem.model, beta=0.0, sigma=100 * sigma)
+    long = 100 * sigma if isinstance(sigma, float) else backend.combine(weighted.graph, 100.0, sigma, 0.0, sigma)
+    backend.dual_step(weighted, y, other, initial, initial, problem.model, beta=0.0, sigma=long)
     y, other = other, y
     backend.primal(weighted, y, problem.f0, problem.lam, out=f)
     if problem.duality_gap(f, y) < without:

@@ -43,7 +43,7 @@ __kernel void dual_newton(
             q += SQUARED(df[c]);
             along += DERIVED(df[c]) * DERIVED(dh[c]);
         }
-        q = fmax(q + eps * eps, (realN)(TINY_));
+        q = fmax(q + eps * eps, (realN)(SMALLEST));
         const realN by = EDGE_G(q);
         along *= EDGE_FACTOR(q);
 #endif

@@ -57,7 +57,7 @@ __kernel void hessian(
             across += LOAD(y, EDGE_AT(c, M)) * DERIVED(dh[c]);
 #endif
         }
-        q = fmax(q + eps * eps, (realN)(TINY_));
+        q = fmax(q + eps * eps, (realN)(SMALLEST));
         const realN conductance = 2 * EDGE_G(q), factor = EDGE_FACTOR(q);
         for (int c = 0; c < M; ++c) {
 #ifdef Y

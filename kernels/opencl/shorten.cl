@@ -32,7 +32,7 @@ __kernel void shorten(
             square[0] += y_e * y_e;
             q += SQUARED(d);
         }
-        q = fmax(q + eps * eps, (realN)(TINY_));
+        q = fmax(q + eps * eps, (realN)(SMALLEST));
         const realN length = sqrt(square[0]), longest = (real)0.5 * raise(q, (p - 1) / 2);
         const realN by = length > longest ? longest / length : (realN)(1);
         for (int c = 0; c < M; ++c) STORE(y, EDGE_AT(c, M), by * LOAD(y, EDGE_AT(c, M)));

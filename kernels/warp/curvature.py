@@ -1,6 +1,6 @@
 """What kernels of Newton's method share: the numbers of a group with the edge norm.
 
-q = |df|^2 + eps^2 over the channels of an edge, not less than the smallest normal number.
+q = |df|^2 + eps^2 over the channels of an edge, at least `tiny`, so that no quotient overflows.
   g(q, p, floor)   share q^((p - 2)/2), at least share floor
   factor(q, p)     of the inner products: share (2 - p) q^((p - 4)/2); with `dual` (2 - p)/q
 """
@@ -16,7 +16,7 @@ from . import reals
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """The functions above, and the smallest normal number."""
+    """The functions above, and the least q."""
 
     g: Any
     factor: Any
@@ -27,7 +27,7 @@ class Numbers:
 def make(real, dual):
     """Make the functions for one type, with or without a dual variable."""
     raise_ = reals.raising(real)
-    tiny = wp.constant(real(2.2250738585072014e-308 if real == wp.float64 else 1.17549435e-38))
+    tiny = reals.smallest(real)
 
     @wp.func
     def g(q: real, p: real, floor: real) -> real:

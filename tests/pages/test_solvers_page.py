@@ -16,6 +16,6 @@ def test_page_prints_what_it_says(tmp_path, monkeypatch):
     pytest.importorskip("skimage")
     monkeypatch.delenv("GPUREG_BACKEND", raising=False)
     ran = list(pages.run(PAGE, tmp_path))
-    assert len(ran) == 8
+    assert len(ran) == 9
     assert [block.line for block in ran if not block.said] == []
     assert pages.differing(ran, 2e-2) == []

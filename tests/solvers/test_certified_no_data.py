@@ -131,7 +131,7 @@ def test_every_gamma(kind: str, p: float) -> None:
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_no_energy_is_below_the_lower_bound(data: st.DataObject) -> None:
     """Any graph, p, gamma, norm and lam, in float32 of data that it does not hold: no function of a sharper run."""
     graph, f0 = draw(data)

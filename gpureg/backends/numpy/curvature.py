@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...graphs.grid import AnyGraph
-from ..curvature import Bend, Curvature
+from ..curvature import Bend, Curvature, least_square
 from ..types import Array, Smoothness, Weighted
 from .duality import NumpyDuality
 
@@ -77,7 +77,7 @@ class NumpyCurvature(NumpyDuality, Curvature):
 
 def _of_edges(df: FloatArray, bend: Bend) -> tuple[FloatArray, FloatArray]:
     """Return share q^((p-2)/2) and the factor of the inner products, at each edge."""
-    p, tiny = bend.model.p, np.finfo(df.dtype).tiny
+    p, tiny = bend.model.p, least_square(df.dtype)
     q = np.maximum((df**2).sum(axis=-1, keepdims=True) + df.dtype.type(bend.model.eps) ** 2, tiny)
     g = np.maximum(q ** ((p - 2) / 2), bend.floor)
     if bend.y is not None:
