@@ -168,7 +168,9 @@ def propagate_labels(
 
     The default is thus at least level with p = 3 but for one label a class on Cora and the roads, and takes a third of
     the time. balance=True helps where labels are few and have the shares of the classes: 57.6, 68.9 and 73.6 on Cora
-    with "wnll". On p > 2 see El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian regularization in
+    with "wnll". On 4 draws of Cora p = 1.5 has 16.3, 32.2 and 69.1, p = 1 15.4, 15.4 and 29.8, p = inf 44.1, 64.7 and
+    68.9, where "wnll" has 28.3, 62.9 and 74.0; with one label a class p = inf is the best there, and 10 points below
+    "wnll" on digits. On p > 2 see El Alaoui et al., "Asymptotic behavior of l_p-based Laplacian regularization in
     semi-supervised learning", 2016.
 
     Examples
