@@ -8,6 +8,10 @@ pinned, and the residual r = lam f0 - A f,
 
 because x'Ax = sum_u (A h/h)(u) x(u)^2 + sum over edges of |a_uv| h_u h_v (x_u/h_u - x_v/h_v)^2. With lam > 0
 everywhere, h = 1 serves; otherwise the solution of A h = 1, to one digit.
+
+A device computes r with a rounding of at most u (k + 10) times the sum of |a_uv (f(u) - f(v))|, u half a machine
+epsilon and k the number of edges at a vertex. By the Cauchy-Schwarz inequality this sum is at most
+(2 diagonal)^(1/2) |grad f(u)|. With a gamma that is not symmetric, differences of products are no smaller than these.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..backends import Array
+from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from .systems import Diagonal, Gradients, Matrix, System, multigrid
 
@@ -65,10 +70,31 @@ class Dominance:
         over = np.where(free, product / np.where(free, h, 1), np.inf)
         return cls(problem.backend.put(problem.weighted.graph, over[:, None]), h, product)
 
-    def error(self, residual: FloatArray) -> float:
-        """Bound the Euclidean distance from the minimiser, from the residual, (n, m)."""
-        largest = (np.abs(residual) / self.product[:, None]).max(axis=0)
+    def error(self, residual: FloatArray, lost: FloatArray) -> float:
+        """Bound the Euclidean distance from the minimiser, from the residual, (n, m), and its rounding, (n,)."""
+        largest = ((np.abs(residual) + lost[:, None]) / self.product[:, None]).max(axis=0)
         return math.sqrt(float((largest**2).sum()) * float((self.h**2).sum()))
+
+    def gap_of(self, lost: FloatArray, channels: int) -> float:
+        """Bound 1/2 sum r^2 h/(A h) for a residual of this size, (n,), in each of so many channels."""
+        return float((lost**2 * self.h / self.product).sum()) * channels / 2
+
+
+def rounding_of_residual(problem: DeviceProblem, matrix: Matrix, f: Array) -> FloatArray:
+    """Bound the rounding of lam f0 - A f as a device computes it, in any channel, (n,); 0 at pinned vertices."""
+    backend, weighted = problem.backend, problem.weighted
+    graph, diagonal = weighted.graph, matrix.diagonal[:, 0]
+    free = np.isfinite(diagonal)
+    diagonal = np.where(free, diagonal, 0)
+    edges = len(graph.offsets) if isinstance(graph, GridGraph) else int(np.diff(graph.indptr).max(initial=0))
+    if weighted.directed:
+        largest = float(np.abs(backend.get(graph, f)).max(initial=0))
+        sums = 2 * (diagonal + np.sqrt(diagonal * diagonal.max(initial=0))) * largest
+    else:
+        slopes = backend.get(graph, backend.gradient_norm(weighted, f, power=0.5, eps=0.0, coupled=True))
+        sums = np.sqrt(2 * diagonal) * slopes[:, 0].astype(np.float64)
+    lost: FloatArray = np.where(free, (edges + 10) * float(np.finfo(backend.dtype).eps) / 2 * sums, 0)
+    return lost
 
 
 def _direct(matrix: Matrix, free: np.ndarray) -> FloatArray:

@@ -13,7 +13,7 @@ from ..backends import Array, Backend, Recorded, in_turns
 from ..graphs.grid import GridGraph
 from ..model.on_device import DeviceProblem
 from ..model.problem import Problem
-from .dominance import Dominance
+from .dominance import Dominance, rounding_of_residual
 from .dual import duality_gap
 from .loop import Course, Solver, changed
 from .systems import Gradients, Multigrid, System
@@ -101,16 +101,25 @@ class Linear(Solver[_State]):
         general, said = super().error_bound(problem, state, gap, energy)
         if state.dominance is None:
             return general, said
+        assert state.system.matrix is not None
         residual = state.system.residual(problem, state.f, state.work.scratch)
-        bound = state.dominance.error(problem.backend.get(problem.weighted.graph, residual).astype(float))
+        lost = rounding_of_residual(problem, state.system.matrix, state.f)
+        bound = state.dominance.error(problem.backend.get(problem.weighted.graph, residual).astype(float), lost)
         if problem.scale is not None:
             bound /= float(problem.scale.min())
         return (bound, _BOUND) if general is None or bound < general else (general, said)
 
     def rounding(self, problem: DeviceProblem, state: _State, gap: float, energy: float) -> float:
-        """Bound the roundings that are not in the gap: those of products with the box are in no residual."""
-        without = problem if state.slopes is not None else replace(problem, box=None)
-        return super().rounding(without, state, gap, energy)
+        """Bound the roundings that are not in the gap: not those of products with the box, but of the residual."""
+        if state.slopes is not None:
+            return super().rounding(problem, state, gap, energy)
+        found, matrix = super().rounding(replace(problem, box=None), state, gap, energy), state.system.matrix
+        if state.dominance is None or matrix is None:
+            return found
+        lost = rounding_of_residual(problem, matrix, state.f)
+        more = state.system.share * state.dominance.gap_of(lost, problem.channels)
+        # the root of the gap is a norm of the residual
+        return found + 2 * math.sqrt(gap * more) + more
 
     def next_check(self, state: _State, done: int) -> int:
         """Return a check after a tenth more iterations; a check costs about as much as a step without multigrid.
