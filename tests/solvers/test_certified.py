@@ -190,7 +190,8 @@ def test_bounds_are_not_idle(p: float) -> None:
     """The energy's excess is a good part of the gap, the error of its bound: measured 0.27 to 0.88 and 0.14 to 0.47."""
     f0, graph = noisy(), gr.GridGraph((24, 20), 1, "cityblock")
     given = {"p": p, "lam": fidelity(p)}
-    exact = solve(f0, graph, "newton", tol=1e-11, **given)
+    # far below the least of the gaps, 1e-3
+    exact = solve(f0, graph, "newton", tol=1e-8, **given)
     results = [solve(f0, graph, "dual", tol=tol, **given) for tol in (1e-1, 1e-2, 1e-3)]
     shares = [(result.energy[-1] - exact.energy[-1]) / result.gap for result in results]
     errors = [np.linalg.norm(result.value - exact.value) / result.error_bound for result in results]

@@ -5,6 +5,7 @@ Equation numbers are the paper's; E1 to E24 are the errata of docs/mathematics.m
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import warnings
@@ -316,11 +317,15 @@ def test_weights_computed_anew(device: str, gamma: str) -> None:
 # Real graphs
 
 
-def test_luxembourg_streets(device: str, data_folder) -> None:
-    """A noisy signal on 114,599 street corners denoised; all devices agree with the oracle, and it is better."""
+STREETS = {"p": 1.0, "lam": 2.0, "eps": 0.05, "max_iter": 40}
+
+
+@functools.cache
+def streets(path):
+    """The graph, a smooth signal, a noisy one, and the oracle's result: once for all devices."""
     from scipy.io import mmread
 
-    graph = gr.Graph.from_scipy(mmread(data_folder / "graphs" / "luxembourg_osm.mtx.gz").tocsr())
+    graph = gr.Graph.from_scipy(mmread(path).tocsr())
     assert graph.n_vertices == 114_599
     n = graph.n_vertices
     # smooth: the sum of a few far corners' influence, by diffusing random values for long
@@ -329,8 +334,12 @@ def test_luxembourg_streets(device: str, data_folder) -> None:
     ).value
     clean /= clean.std()
     noisy = clean + 0.5 * cases.rng(5).standard_normal(n)
-    given = {"p": 1.0, "lam": 2.0, "eps": 0.05, "max_iter": 40}
-    exact = gr.regularize(noisy, graph, **given, **ORACLE).value
-    found = gr.regularize(noisy, graph, backend=device, **given).value
+    return graph, clean, noisy, gr.regularize(noisy, graph, **STREETS, **ORACLE).value
+
+
+def test_luxembourg_streets(device: str, data_folder) -> None:
+    """A noisy signal on 114,599 street corners denoised; all devices agree with the oracle, and it is better."""
+    graph, clean, noisy, exact = streets(data_folder / "graphs" / "luxembourg_osm.mtx.gz")
+    found = gr.regularize(noisy, graph, backend=device, **STREETS).value
     assert np.abs(found - exact).max() <= cases.TOLERANCES["float32"] * np.abs(noisy).max()
     assert np.std(found - clean) < 0.6 * np.std(noisy - clean)
