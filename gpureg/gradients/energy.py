@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import backends
 from ..arrays import FloatArray, IntArray
+from ..graphs.components import Components
 from ..graphs.grid import GridGraph
 from ..model.matrices import Edges, undirected_edges
 from ..model.on_device import DeviceProblem
@@ -138,16 +139,10 @@ class HostEnergy:
 
 def _without_data(edges: Edges, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Find the vertices of connected components without a known vertex, both (n,)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     if known.all():
         return np.zeros(len(known), bool)
-    joined = edges[edges.there * edges.back > 0]
-    links = coo_array((np.ones(len(joined.u), np.int8), (joined.u, joined.v)), shape=(len(known),) * 2)
-    count, label = connected_components(links, directed=False)
-    found: npt.NDArray[np.bool_] = (np.bincount(label[known], minlength=count) == 0)[label]
-    return found
+    joined = (edges.there > 0) & (edges.back > 0)
+    return Components.of_edges(len(known), edges.u[joined], edges.v[joined]).without(known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray
 from .csr import Graph
+
+if TYPE_CHECKING:
+    from scipy.sparse import coo_array, csr_array
 
 # Values of a component that a median looks at; more are thinned evenly.
 _MOST = 100_000
@@ -35,9 +39,28 @@ class Components:
         from scipy import sparse
 
         n = graph.n_vertices
-        A = sparse.csr_array((np.ones(graph.n_edges, np.int8), graph.indices, graph.indptr), shape=(n, n))
-        count, labels = sparse.csgraph.connected_components(A, directed=False)
+        return cls._found(
+            sparse.csr_array((np.ones(graph.n_edges, np.int8), graph.indices, graph.indptr), shape=(n, n))
+        )
+
+    @classmethod
+    def of_edges(cls, n: int, u: IntArray, v: IntArray) -> Components:
+        """Find the components of n vertices joined by edges (u, v), (E,) each, in one direction or both."""
+        from scipy import sparse
+
+        return cls._found(sparse.coo_array((np.ones(len(u), np.int8), (u, v)), shape=(n, n)))
+
+    @classmethod
+    def _found(cls, matrix: coo_array | csr_array) -> Components:
+        from scipy.sparse.csgraph import connected_components
+
+        count, labels = connected_components(matrix, directed=False)
         return cls(labels.astype(np.int64), int(count))
+
+    def without(self, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return the vertices of components without a known vertex, (n,) each."""
+        found: npt.NDArray[np.bool_] = (self.sums(known) == 0)[self.labels]
+        return found
 
     def sizes(self) -> IntArray:
         """Count the vertices of each component, (c,)."""

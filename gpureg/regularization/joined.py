@@ -59,23 +59,16 @@ class Joined:
 
         With `wanted`, (n,), only edges with at least one end wanted are there.
         """
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         kind = computed_type(dtype)
         problem = Problem.make(f0, graph, lam=0.0, weights=weights, gamma=gamma, eps=0.0, dtype=kind, framed=True)
         edges = undirected_edges(DeviceProblem.put(problem, backends.get(backend, kind)), wanted)
         joined = (edges.there > 0) & (edges.back > 0)
-        n, ends = graph.n_vertices, (edges.u[joined], edges.v[joined])
-        pattern = coo_array((np.ones(int(joined.sum()), np.int8), ends), shape=(n, n))
-        count, labels = connected_components(pattern, directed=False)
-        return cls(graph, known, edges, Components(labels.astype(np.int64), int(count)))
+        return cls(graph, known, edges, Components.of_edges(graph.n_vertices, edges.u[joined], edges.v[joined]))
 
     @property
     def reached(self) -> npt.NDArray[np.bool_]:
         """Whether a vertex has data, or is joined to one with data by edges of weight > 0, (n,)."""
-        reached: npt.NDArray[np.bool_] = (self.components.sums(self.known) > 0)[self.components.labels]
-        return reached
+        return ~self.components.without(self.known)
 
     def reweighted(self, factor: float | Literal["wnll"]) -> FloatArray:
         """Multiply gamma(u, v) gamma(v, u) of each edge at a vertex with data by a factor.

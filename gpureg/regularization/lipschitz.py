@@ -62,29 +62,18 @@ class _Pinned:
 
     @classmethod
     def of(cls, on: DeviceProblem, known: npt.NDArray[np.bool_]) -> _Pinned:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        edges, n, data = undirected_edges(on), len(known), on.problem.data
+        edges, n, data = undirected_edges(on, scaled=False), len(known), on.problem.data
         assert data is not None
-        scale = on.scale
-        f = data.astype(np.float64)
-        if scale is None:
-            there, back = edges.there, edges.back
-        else:
-            # the same root of the weight in both directions
-            there = back = edges.there / scale[edges.u, 0]
-            f = f * scale
+        there, back, scale = edges.there, edges.back, on.scale
+        f = data.astype(np.float64) if scale is None else data.astype(np.float64) * scale
         if not np.array_equal(there, back):
             raise ValueError(
                 "p = infinity needs a symmetric gamma, gamma(u, v) = gamma(v, u): the shortest paths between data have "
                 "no meaning otherwise"
             )
         u, v, gamma = edges.u[there > 0], edges.v[there > 0], there[there > 0]
-        A = coo_array((np.ones(len(u), np.int8), (u, v)), shape=(n, n))
-        count, labels = connected_components(A, directed=False)
-        parts = Components(labels.astype(np.int64), int(count))
-        lone = parts.sums(known)[parts.labels] == 0
+        parts = Components.of_edges(n, u, v)
+        lone = parts.without(known)
         graph = on.problem.graph
         used = known & graph.mask.ravel() if isinstance(graph, GridGraph) and graph.mask is not None else known
         constant = f[used].min(axis=0) / 2 + f[used].max(axis=0) / 2 if used.any() else np.zeros(f.shape[1])

@@ -56,17 +56,11 @@ class _Parts:
 
     @classmethod
     def of(cls, problem: DeviceProblem, edges: Edges) -> _Parts:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         n = problem.weighted.graph.n_vertices
         joined = (edges.there > 0) & (edges.back > 0)
-        u, v = edges.u[joined], edges.v[joined]
-        A = coo_array((np.ones(len(u), np.int8), (u, v)), shape=(n, n))
-        count, labels = connected_components(A, directed=False)
         data = np.broadcast_to(problem.problem.lam > 0, (n, 1))[:, 0]
-        components = Components(labels.astype(np.int64), int(count))
-        return cls(components, data, components.sums(data)[components.labels] == 0)
+        components = Components.of_edges(n, edges.u[joined], edges.v[joined])
+        return cls(components, data, components.without(data))
 
 
 def with_box(problem: DeviceProblem) -> DeviceProblem:

@@ -46,11 +46,8 @@ class Conductances:
         backend, graph, n = problem.backend, problem.weighted.graph, problem.weighted.graph.n_vertices
         lam = problem.lam if isinstance(problem.lam, float) else backend.get(graph, problem.lam)[:, 0]
         lam = np.broadcast_to(np.asarray(lam, np.float64), (n,))
-        edges = undirected_edges(problem)
+        edges = undirected_edges(problem, scaled=False)
         edges = edges[(edges.there > 0) | (edges.back > 0)]
-        if problem.scale is not None:
-            there, back = edges.there / problem.scale[edges.u, 0], edges.back / problem.scale[edges.v, 0]
-            edges = Edges(edges.u, edges.v, there, back, edges.place, edges.place_back)
         free = np.isfinite(lam)
         used = free[edges.u] & free[edges.v] & (edges.there * edges.back > 0)
         u, v = edges.u[used], edges.v[used]

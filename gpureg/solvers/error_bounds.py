@@ -41,14 +41,10 @@ def error_bound(problem: DeviceProblem, gap: float, energy: float) -> tuple[floa
         return math.sqrt(2 * gap / float(np.min(lam, initial=np.inf))), STRONG
     if problem.p == 1:
         return None, _MANY
-    edges = undirected_edges(problem)
-    if isinstance(problem.problem.gamma, str):
-        scale = 1.0 if problem.scale is None else problem.scale[:, 0]
-        gamma = edges.there / (scale if isinstance(scale, float) else scale[edges.u])
-    elif (edges.there == edges.back).all():
-        scale, gamma = 1.0, edges.there
-    else:
+    edges = undirected_edges(problem, scaled=False)
+    if not np.array_equal(edges.there, edges.back):
         return None, _SKEW
+    scale, gamma = 1.0 if problem.scale is None else problem.scale[:, 0], edges.there
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         own = np.sqrt(2 * gap / (lam / scale**2))
         each = _along_paths(edges, gamma, own, problem.p, _spread(problem.p, gap, energy)) / scale

@@ -141,13 +141,10 @@ def _stored(problem: DeviceProblem, graph: Graph, free: Mask) -> tuple[Couplings
 
 def _of_edges(problem: DeviceProblem, free: Mask) -> tuple[Couplings, FloatArray]:
     """Do the same for any graph."""
-    edges, n = undirected_edges(problem), len(free)
+    edges, n = undirected_edges(problem, scaled=False), len(free)
     there, back, u, v = edges.there, edges.back, edges.u, edges.v
-    if problem.scale is not None:
-        there, back = there / problem.scale[u, 0], back / problem.scale[v, 0]
-    degree: FloatArray = (np.bincount(u, there**2, minlength=n) + np.bincount(v, back**2, minlength=n)).astype(
-        np.float64
-    )
+    sums = np.bincount(u, there**2, minlength=n) + np.bincount(v, back**2, minlength=n)
+    degree: FloatArray = sums.astype(np.float64)
     product = there * back
     used = free[u] & free[v] & (product > 0)
     u, v, product = u[used].astype(np.int32), v[used].astype(np.int32), product[used]
@@ -178,11 +175,10 @@ class System:
     def of(cls, problem: DeviceProblem) -> System:
         """Make the system of a problem with p = 2."""
         backend, graph, m = problem.backend, problem.weighted.graph, problem.channels
-        share, lam = (0.5, 2.0) if problem.edge_norm else (1.0, 1.0)
-        fidelity = problem.lam
+        share, fidelity = 0.5 if problem.edge_norm else 1.0, problem.lam
         if problem.edge_norm:
             number = isinstance(fidelity, float)
-            fidelity = lam * fidelity if number else backend.put(graph, lam * backend.get(graph, fidelity))
+            fidelity = 2 * fidelity if number else backend.put(graph, 2 * backend.get(graph, fidelity))
         if _repeats(problem):
             assert isinstance(graph, GridGraph) and isinstance(fidelity, float)
             return cls(fidelity, share, CosineTransforms.of(problem, graph, fidelity), None)
